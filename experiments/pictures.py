@@ -4,6 +4,7 @@ through the renderer, as the paper trains, at a low rate.
 
 from dataclasses import replace
 
+from mesoshell.shell.generator.discriminator import DiscriminatorConfig
 from mesoshell.train.gan.presets import SMALL
 from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.textures.state import critic_config
@@ -17,7 +18,9 @@ def variant(preset: GanConfig) -> GanConfig:
         preset,
         generator=generator,
         picture=picture,
-        discriminator=replace(preset.discriminator, opacity=True),
+        discriminator=DiscriminatorConfig(
+            preset.discriminator.size, channel_base=2048, channel_max=64, opacity=True, kind="projected"
+        ),
         trunk=(64, 64, 64),
         head=(64, 64),
         generator_rate=2e-4,

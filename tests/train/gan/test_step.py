@@ -114,9 +114,11 @@ def test_a_discriminator_that_sees_opacity_tells_a_gap_from_a_dark_blade() -> No
     assert jax.tree.map(jnp.shape, after) == jax.tree.map(jnp.shape, state)
 
 
-def test_r1_is_float32_where_convolutions_are_not() -> None:
+@pytest.mark.parametrize("kind", ["residual", "projected"])
+def test_r1_is_float32_where_convolutions_are_not(kind: str) -> None:
     """In the traced step, the update that is there every 16th step has no half-precision value; the rest has."""
     config = replace(small_step.CONFIG, precision="bfloat16")
+    config = replace(config, discriminator=replace(config.discriminator, kind=kind))
     state = jax.eval_shape(lambda: start(config, jax.random.key(0)))
     floats = jax.tree.map(lambda x: x if x.dtype == np.uint32 else x.astype(np.float32), small_step.batch())
     traced = jax.make_jaxpr(lambda s, b: step(config, s, b))(state, floats).jaxpr

@@ -16,7 +16,7 @@ which show what is below where a material lies on a mesh. With `opacity` it is n
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,17 +24,25 @@ from jax.typing import DTypeLike
 
 from mesoshell.nets.mlp import Dense
 from mesoshell.numerics import safe_sqrt
-from mesoshell.signal.modulated import convolve
-from mesoshell.signal.upfirdn import Resampling, resample
+from mesoshell.shell.generator.equalised import (
+    Conv,
+    connected,
+    convolved,
+    halved,
+    lrelu,
+    makers,
+    projected_on,
+    scaled,
+)
 from mesoshell.typing import Array, Float, Key
 
-_BLUR = (1 / 8, 3 / 8, 3 / 8, 1 / 8)
 GROUP = 4
 
 
 @dataclass(frozen=True)
 class DiscriminatorConfig:
-    """size of the pictures; channels at a side s are min(channel_base / s, channel_max); opacity: whether it sees that too."""
+    """size of the pictures; channels at a side s are min(channel_base / s, channel_max); opacity: whether it sees that too;
+    kind: this one, or the heads of projected.py."""
 
     size: int = 64
     channel_base: int = 4096
@@ -42,13 +50,7 @@ class DiscriminatorConfig:
     labels: int = 7
     embedding: int = 64
     opacity: bool = False
-
-
-class Conv(NamedTuple):
-    """weight (k, k, I, O), scaled by 1/√(k²I) where it is used; bias (O,)."""
-
-    weight: Float[Array, "k k I O"]
-    bias: Float[Array, "O"]
+    kind: Literal["residual", "projected"] = "residual"
 
 
 class Block(NamedTuple):
@@ -79,13 +81,7 @@ def init_discriminator(config: DiscriminatorConfig, key: Key[Array, ""]) -> Disc
     def width(side: int) -> int:
         return min(config.channel_base // side, config.channel_max)
 
-    def conv(k: int, inputs: int, outputs: int) -> Conv:
-        weight = jax.random.normal(next(keys), (k, k, inputs, outputs), jnp.float32)
-        return Conv(weight, jnp.zeros(outputs, jnp.float32))
-
-    def dense(inputs: int, outputs: int) -> Dense:
-        return Dense(jax.random.normal(next(keys), (inputs, outputs), jnp.float32), jnp.zeros(outputs, jnp.float32))
-
+    conv, dense = makers(keys)
     sides = [config.size >> i for i in range(config.size.bit_length() - 3)]  # … 16, 8
     blocks = [
         Block(conv(3, width(s), width(s)), conv(3, width(s), width(s // 2)), conv(1, width(s), width(s // 2)).weight)
@@ -111,19 +107,16 @@ def discriminate(
     """D. everyone: from this device's rows to all devices' and the indices of its own among them, under pmap. dtype: of the
     convolutions of sides above 4; labels, deviation and the layers after it have the weights' precision."""
     d = discriminator
-    x = _lrelu(_apply(d.colour, y.astype(dtype)))
+    x = lrelu(convolved(d.colour, y.astype(dtype)))
     for block in d.blocks:
-        skip = _scaled(block.skip, _halved(x))
-        inner = _lrelu(_apply(block.first, x))
-        x = (_lrelu(_apply(block.second, _halved(inner))) + skip) * jnp.asarray(0.5**0.5, dtype)
+        skip = scaled(block.skip, halved(x))
+        inner = lrelu(convolved(block.first, x))
+        x = (lrelu(convolved(block.second, halved(inner))) + skip) * jnp.asarray(0.5**0.5, dtype)
     x = x.astype(d.last.weight.dtype)
     x = jnp.concatenate([x, _deviation(x, everyone)], axis=-1)
-    x = _lrelu(_apply(d.last, x)).reshape(x.shape[0], -1)
-    x = _dense(d.out, _lrelu(_dense(d.hidden, x)))
-    embedding = _lrelu(_dense(d.embed[0], c))
-    embedding = _dense(d.embed[1], embedding)
-    embedding = embedding * jax.lax.rsqrt(jnp.mean(embedding**2, axis=1, keepdims=True) + 1e-8)
-    return jnp.sum(x * embedding, axis=1) / x.shape[1] ** 0.5
+    x = lrelu(convolved(d.last, x)).reshape(x.shape[0], -1)
+    x = connected(d.out, lrelu(connected(d.hidden, x)))
+    return projected_on(d.embed, x, c)
 
 
 def _deviation(x: Float[Array, "B H W C"], everyone: Callable | None) -> Float[Array, "B H W 1"]:
@@ -139,27 +132,3 @@ def _deviation(x: Float[Array, "B H W C"], everyone: Callable | None) -> Float[A
     deviation = jnp.mean(safe_sqrt(variance + (1e-8 if size > 1 else 0.0)), axis=(1, 2, 3))
     mine = jnp.tile(deviation, size)[own]
     return jnp.broadcast_to(mine[:, None, None, None], (*x.shape[:3], 1))
-
-
-def _apply(layer: Conv, x: Float[Array, "B H W I"]) -> Float[Array, "B H W O"]:
-    return _scaled(layer.weight, x) + layer.bias.astype(x.dtype)[None, None, None]
-
-
-def _scaled(weight: Float[Array, "k k I O"], x: Float[Array, "B H W I"]) -> Float[Array, "B H W O"]:
-    k, _, inputs, _ = weight.shape
-    return convolve(x, (weight / (k * k * inputs) ** 0.5).astype(x.dtype), k // 2)
-
-
-def _dense(layer: Dense, x: Float[Array, "B I"]) -> Float[Array, "B O"]:
-    kernel = layer.kernel / layer.kernel.shape[0] ** 0.5
-    return jnp.matmul(x, kernel, precision="highest") + layer.bias[None]
-
-
-def _lrelu(x: Array) -> Array:
-    return jax.nn.leaky_relu(x, 0.2) * jnp.asarray(2**0.5, x.dtype)
-
-
-def _halved(x: Float[Array, "B H W C"]) -> Float[Array, "B h w C"]:
-    """Halve the side: blur with four taps, keep every second sample; the border is black."""
-    how = Resampling(_BLUR, 1, 2, (1, 1))
-    return resample(resample(x, how, 1), how, 2)

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from mesoshell.nets.mlp import Dense
-from mesoshell.shell.generator.discriminator import Conv
+from mesoshell.shell.generator.equalised import Conv, makers
 from mesoshell.shell.generator.generator import in_turns
 from mesoshell.typing import Array, Float, Key
 
@@ -52,17 +52,11 @@ class Critic(NamedTuple):
 
 def init_critic(config: CriticConfig, key: Key[Array, ""]) -> Critic:
     """Unit normal weights, zero biases."""
-    keys = iter(jax.random.split(key, 16))
+    conv, dense = makers(iter(jax.random.split(key, 16)))
     convs, inputs = [], config.inputs
     for k, _, wide in _LAYERS:
-        outputs = config.width * wide
-        weight = jax.random.normal(next(keys), (k, k, inputs, outputs), jnp.float32)
-        convs.append(Conv(weight, jnp.zeros(outputs, jnp.float32)))
-        inputs = outputs
-
-    def dense(inputs: int, outputs: int) -> Dense:
-        return Dense(jax.random.normal(next(keys), (inputs, outputs), jnp.float32), jnp.zeros(outputs, jnp.float32))
-
+        convs.append(conv(k, inputs, config.width * wide))
+        inputs = config.width * wide
     embed = [dense(3 * config.betas, config.width), dense(config.width, inputs)] if config.betas else []
     return Critic(convs, dense(inputs, 1), embed)
 

@@ -13,10 +13,12 @@ import jax.numpy as jnp
 import optax
 
 from mesoshell.nets.mlp import Dense
-from mesoshell.shell.generator.discriminator import Discriminator, DiscriminatorConfig, init_discriminator
+from mesoshell.shell.generator.discriminator import Discriminator, DiscriminatorConfig
 from mesoshell.shell.generator.generator import Averages, Generator, init_averages, init_generator
 from mesoshell.shell.generator.plan import GeneratorConfig
+from mesoshell.shell.generator.projected import Projected
 from mesoshell.shell.material.decoder import Decoder, init_decoder
+from mesoshell.train.gan.discriminators import kind_of
 from mesoshell.train.patch_renderer import PictureConfig
 from mesoshell.typing import Array, Int, Key
 
@@ -73,7 +75,7 @@ class TrainState(NamedTuple):
     learner: Learner
     smooth: Learner
     averages: Averages
-    discriminator: Discriminator
+    discriminator: Discriminator | Projected
     learner_adam: optax.OptState
     discriminator_adam: optax.OptState
     step: Int[Array, ""]
@@ -124,7 +126,7 @@ def start(config: GanConfig, key: Key[Array, ""]) -> TrainState:
     decoder = init_decoder(k[1], encoded, config.trunk, config.head)
     dark = decoder._replace(rho=decoder.rho._replace(bias=decoder.rho.bias + DARK))
     learner = Learner(init_generator(config.generator, k[0]), dark)
-    discriminator = init_discriminator(config.discriminator, k[2])
+    discriminator = kind_of(config.discriminator).start(config.discriminator, k[2])
     for_learner, for_discriminator = optimisers(config)
     return TrainState(
         learner,

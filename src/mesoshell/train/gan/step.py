@@ -3,23 +3,25 @@
 Notation
 B            pictures, and renders, a step
 y            what the discriminator sees: 2x/(1 + x) − 1, and 2a − 1 of mean opacity a if asked to   (B, S, S, 3 or 4)
+f            what it judges of y (discriminators.py)                               a tree of (B, h, w, C)
 c, c′        labels of the renders, and of the pictures                           (B, L)
 c″           of the renders, with the parameters of the next one                  (B, L)
 across       means over devices, and all devices' rows (train/update); trivial where arrays are global
 
 Both players learn from one forward pass of the generator: its pictures are judged once for its own gradient, and, held fixed,
-once for the discriminator's. R1 is an update of its own every `r1_every` steps, in the pictures' type whatever the precision.
+once for the discriminator's. R1 is an update of its own every `r1_every` steps, in f's type whatever the precision.
 With `mismatch`, the discriminator also learns to reject renders with wrong parameters (Reed et al., "Generative adversarial
 text to image synthesis", 2016, section 4.2).
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from mesoshell.shell.generator.discriminator import discriminate
 from mesoshell.shell.generator.generator import Averages
+from mesoshell.train.gan.discriminators import kind_of
 from mesoshell.train.gan.generate import GeneratorStats, ImageBatch, conditions, generate, label
 from mesoshell.train.gan.regularise import blur
 from mesoshell.train.gan.state import GanConfig, Learner, TrainState, optimisers
@@ -55,24 +57,25 @@ def step(
     wanted = conditions(config, batch)
     c, c_fake, sharp = label(batch), label(wanted), seen(config, batch.image)
     for_learner, for_discriminator = optimisers(config)
+    kind = kind_of(config.discriminator)
     s = config.blur * jnp.maximum(1 - state.images.astype(sharp.dtype) / (1000 * config.blur_kimg), 0)
 
-    def softened(y: Array) -> Array:
-        return blur(y, s, config.blur) if config.blur else y
+    def perceived(y: Array) -> Any:
+        return kind.perceive(blur(y, s, config.blur) if config.blur else y)
 
-    real = softened(sharp)
+    real = perceived(sharp)
 
-    def judged(discriminator: Any, y: Array, c: Array) -> Array:
-        return discriminate(discriminator, y, c, across.everyone, config.precision)
+    def judged(discriminator: Any, f: Any, c: Array) -> Array:
+        return kind.judge(discriminator, f, c, across.everyone, config.precision)
 
-    def make(learner: Learner) -> tuple[tuple[Array, Scalar], GeneratorStats]:
+    def make(learner: Learner) -> tuple[tuple[Any, Scalar], GeneratorStats]:
         pictures, stats = generate(config, learner, state.averages, wanted, across.each)
-        return (softened(seen(config, pictures)), stats.roughness), stats
+        return (perceived(seen(config, pictures)), stats.roughness), stats
 
     (fake, _), back, stats = jax.vjp(make, state.learner, has_aux=True)
 
-    def fooled(y: Array) -> tuple[Scalar, Scalar]:
-        logits = judged(state.discriminator, y, c_fake)
+    def fooled(f: Any) -> tuple[Scalar, Scalar]:
+        logits = judged(state.discriminator, f, c_fake)
         return generator_loss(logits), jnp.mean(logits)
 
     def discriminated(discriminator: Any) -> tuple[Scalar, Scalar]:
@@ -84,7 +87,7 @@ def step(
 
     (g_loss, fake_logit), by_picture = jax.value_and_grad(fooled, has_aux=True)(fake)
     (d_loss, real_logit), d_gradient = jax.value_and_grad(discriminated, has_aux=True)(state.discriminator)
-    (g_gradient,) = back((by_picture, jnp.asarray(config.density, real.dtype)))
+    (g_gradient,) = back((by_picture, jnp.asarray(config.density, stats.roughness.dtype)))
     g_gradient, d_gradient, stats = across.mean((g_gradient, d_gradient, stats))
     learner, learner_adam = apply_gradient(for_learner, state.learner, state.learner_adam, g_gradient)
     judge, judge_adam = apply_gradient(for_discriminator, state.discriminator, state.discriminator_adam, d_gradient)
@@ -131,14 +134,16 @@ def _mismatched(batch: ImageBatch, across: Across) -> ImageBatch:
 
 
 def _regularised(
-    config: GanConfig, judge: Any, adam: Any, due: Array, labelled: tuple[Array, Array], across: Across
+    config: GanConfig, judge: Any, adam: Any, due: Array, labelled: tuple[Any, Array], across: Across
 ) -> tuple[Any, Any, Scalar, Bool[Array, "_leaves"]]:
-    """Discriminator and optimiser after an update by R1 of (y, c) if it is due, R1, and which leaves of its gradient are not
+    """Discriminator and optimiser after an update by R1 of (f, c) if it is due, R1, and which leaves of its gradient are not
     finite."""
-    y, c = labelled
+    f, c = labelled
+    dtype = jax.tree.leaves(f)[0].dtype
 
     def penalty(judge: Any) -> Scalar:
-        return config.r1_every * r1(lambda y: discriminate(judge, y, c, across.everyone, y.dtype), y, config.gamma)
+        logits = partial(kind_of(config.discriminator).judge, judge, c=c, everyone=across.everyone, dtype=dtype)
+        return config.r1_every * r1(logits, f, config.gamma)
 
     def penalised(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
         value, gradient = jax.value_and_grad(penalty)(judge)
@@ -147,7 +152,7 @@ def _regularised(
         return judge, adam, value, not_finite(gradient)
 
     def unchanged(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
-        return judge, adam, jnp.zeros((), y.dtype), jnp.zeros(len(jax.tree.leaves(judge)), bool)
+        return judge, adam, jnp.zeros((), dtype), jnp.zeros(len(jax.tree.leaves(judge)), bool)
 
     return jax.lax.cond(due, penalised, unchanged, judge, adam)
 

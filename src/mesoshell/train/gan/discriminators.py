@@ -1,0 +1,32 @@
+"""The discriminators that a run can use, behind one interface.
+
+Notation
+y       pictures as `step.seen` shows them                                        (B, S, S, 3 or 4)
+f       what is judged of them: y, or maps of a network that saw photographs      a tree of (B, h, w, C)
+c       labels                                                                    (B, L)
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from mesoshell.shell.generator import discriminator as residual
+from mesoshell.shell.generator import projected
+from mesoshell.shell.generator.discriminator import DiscriminatorConfig
+
+
+class Kind(NamedTuple):
+    """start: (config, key) → weights; perceive: y → f; judge: (weights, f, c, everyone, dtype) → logits (B,) or (B, heads),
+    greater for renders."""
+
+    start: Callable[..., Any]
+    perceive: Callable[[Any], Any]
+    judge: Callable[..., Any]
+
+
+RESIDUAL = Kind(residual.init_discriminator, lambda y: y, residual.discriminate)
+PROJECTED = Kind(projected.init_projected, projected.project, projected.judge)
+
+
+def kind_of(config: DiscriminatorConfig) -> Kind:
+    """The one that a configuration asks for."""
+    return PROJECTED if config.kind == "projected" else RESIDUAL

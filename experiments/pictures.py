@@ -4,7 +4,6 @@ through the renderer, as the paper trains, at a low rate.
 
 from dataclasses import replace
 
-from mesoshell.shell.generator.discriminator import DiscriminatorConfig
 from mesoshell.train.gan.presets import SMALL
 from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.textures.state import critic_config
@@ -18,9 +17,15 @@ def variant(preset: GanConfig) -> GanConfig:
         preset,
         generator=generator,
         picture=picture,
-        discriminator=DiscriminatorConfig(
-            preset.discriminator.size, channel_base=2048, channel_max=64, opacity=True, kind="projected"
+        discriminator=replace(
+            preset.discriminator,
+            kind="projected",
+            opacity=True,
+            channel_base=preset.discriminator.channel_base // 2,
+            channel_max=preset.discriminator.channel_max // 2,
         ),
+        discriminator_rate=1e-3,
+        gamma=16 * preset.gamma,
         trunk=(64, 64, 64),
         head=(64, 64),
         generator_rate=2e-4,

@@ -132,7 +132,6 @@ VARIANTS |= {
     "weave_cosine",
 }
 VARIANTS |= {
-    "pictures",
     "atlas_nerf",
     "atlas_reflectance",
     "spheres_silhouette",

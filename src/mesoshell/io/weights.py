@@ -1,4 +1,5 @@
-"""Network weights saved by PyTorch, read without it (standard library and NumPy only).
+"""Network weights saved by PyTorch, read without it (standard library and NumPy only), and where those that come with the
+program lie.
 
 symbol      meaning
 storage     a run of numbers of one type; tensors are views of it: offset, shape and strides, counted in numbers

@@ -19,10 +19,12 @@ from mesoshell.shell.generator import texture_critic as texture_critic_pure
 from mesoshell.shell.generator.discriminator import DiscriminatorConfig
 from mesoshell.shell.generator.generator import Phases, Texture
 from mesoshell.shell.generator.plan import GeneratorConfig
+from mesoshell.shell.generator.projected import Projected
 from mesoshell.shell.generator.texture_critic import CriticConfig
 from mesoshell.shell.material import decoder as decoder_pure
 from mesoshell.surface_material import network as surface_network
 from mesoshell.surface_material.network import OpacityEval, SurfaceConfig, SurfaceQuery
+from mesoshell.train.gan.discriminators import kind_of
 from mesoshell.typing import Array, Float, Int, Key, Scalar, Vec3
 
 
@@ -55,16 +57,18 @@ class Generator(Network):
 
 
 class Discriminator(Network):
-    """The logit of pictures y with labels c (shell/generator/discriminator). dtype: of the convolutions of sides above 4."""
+    """The logits of pictures y with labels c, of the configuration's kind (train/gan/discriminators). dtype: of the
+    convolutions of sides above 4."""
 
     config: DiscriminatorConfig
     dtype: DTypeLike = jnp.float32
 
-    def draw(self, key: Key[Array, ""]) -> discriminator_pure.Discriminator:
-        return discriminator_pure.init_discriminator(self.config, key)
+    def draw(self, key: Key[Array, ""]) -> discriminator_pure.Discriminator | Projected:
+        return kind_of(self.config).start(self.config, key)
 
-    def __call__(self, y: Float[Array, "B S S I"], c: Float[Array, "B L"]) -> Float[Array, "B"]:
-        return discriminator_pure.discriminate(self.tree(), y, c, dtype=self.dtype)
+    def __call__(self, y: Float[Array, "B S S I"], c: Float[Array, "B L"]) -> Float[Array, "B ..."]:
+        kind = kind_of(self.config)
+        return kind.judge(self.tree(), kind.perceive(y), c, dtype=self.dtype)
 
 
 class TextureCritic(Network):

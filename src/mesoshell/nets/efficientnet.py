@@ -1,4 +1,4 @@
-"""Features of EfficientNet-Lite0 and Lite2, for distances between sets of pictures (Tan and Le 2019).
+"""Features of EfficientNet-Lite0 and Lite2, for distances between sets of pictures and for a discriminator (Tan and Le 2019).
 
 Notation
 x           pictures, sRGB-encoded values in [0, 1]                                  (B, S, S, 3)

@@ -22,3 +22,9 @@ def weights(tau: Float[Array, "N"]) -> tuple[Float[Array, "N"], Scalar]:
 def tonemap(radiance: Float[Array, "..."]) -> Float[Array, "..."]:
     """x / (1 + x): what losses and networks see of a radiance x ≥ 0."""
     return radiance / (1 + radiance)
+
+
+def encoded(x: Float[Array, "..."]) -> Float[Array, "..."]:
+    """sRGB of linear x; linear below the knee, also for negative x."""
+    knee = 0.0031308
+    return jnp.where(x <= knee, 12.92 * x, 1.055 * jnp.maximum(x, knee) ** (1 / 2.4) - 0.055)

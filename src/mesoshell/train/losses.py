@@ -6,7 +6,7 @@ D(y)     logits of a picture, greater for renders                               
 γ        weight of R1
 a, b     made and true: linear radiance, or alpha
 ε        radiance below which an error counts as a difference, not a ratio
-All are means over the batch, and over pixels and channels if there are any.
+All are means over the batch, and over heads, pixels and channels if there are any.
 """
 
 from collections.abc import Callable
@@ -39,10 +39,11 @@ def fake_loss(fake: Float[Array, "B ..."]) -> Scalar:
 
 
 def r1(logits: Callable[[Any], Array], real: Any, gamma: float) -> Scalar:
-    """γ/2 · mean of |∇D(y)|² over renders; y: (B, S, S, I), or a tree of such, whose squares are summed."""
+    """γ/2 · mean of |∇D(y)|² over renders. y: (B, S, S, I), or a tree of such, each judged by a head of its own: then the mean
+    over heads too."""
     gradient = jax.grad(lambda y: jnp.sum(logits(y)))(real)
     squares = [jnp.mean(jnp.sum(g**2, axis=(1, 2, 3))) for g in jax.tree.leaves(gradient)]
-    return gamma / 2 * jnp.sum(jnp.stack(squares))
+    return gamma / 2 * jnp.mean(jnp.stack(squares))
 
 
 def smape(a: Float[Array, "B S S 3"], b: Float[Array, "B S S 3"]) -> Scalar:

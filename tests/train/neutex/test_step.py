@@ -21,6 +21,7 @@ from mesoshell.neutex.cameras import photo_rays, pixels
 from mesoshell.neutex.capture import Capture, read_capture
 from mesoshell.neutex.field import DENSITY, to_surface, to_texture
 from mesoshell.neutex.store import read_neutex
+from mesoshell.render.composite import encoded
 from mesoshell.train.gan.presets import PAPER, SMALL, TINY
 from mesoshell.train.method import ATLAS, method_of
 from mesoshell.train.neutex import step as atlas
@@ -30,7 +31,6 @@ from mesoshell.train.neutex.step import (
     KEEP,
     NeuTexTrainConfig,
     adapt,
-    encoded,
     feed,
     neutex_config,
     start,

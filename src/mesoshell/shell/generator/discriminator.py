@@ -26,12 +26,12 @@ from mesoshell.nets.mlp import Dense
 from mesoshell.numerics import safe_sqrt
 from mesoshell.shell.generator.equalised import (
     Conv,
+    by_label,
     connected,
     convolved,
     halved,
     lrelu,
     makers,
-    projected_on,
     scaled,
 )
 from mesoshell.typing import Array, Float, Key
@@ -51,6 +51,10 @@ class DiscriminatorConfig:
     embedding: int = 64
     opacity: bool = False
     kind: Literal["residual", "projected"] = "residual"
+
+    def width(self, side: int) -> int:
+        """Channels at a side."""
+        return min(self.channel_base // side, self.channel_max)
 
 
 class Block(NamedTuple):
@@ -74,14 +78,9 @@ class Discriminator(NamedTuple):
 
 def init_discriminator(config: DiscriminatorConfig, key: Key[Array, ""]) -> Discriminator:
     """Unit normal weights, zero biases. Raises ValueError if the size is no power of two ≥ 8."""
-    if config.size < 8 or config.size & (config.size - 1):
-        raise ValueError(f"pictures must be a power of two wide and at least 8, not {config.size}")
-    keys = iter(jax.random.split(key, 64))
-
-    def width(side: int) -> int:
-        return min(config.channel_base // side, config.channel_max)
-
-    conv, dense = makers(keys)
+    check_size(config)
+    conv, dense = makers(iter(jax.random.split(key, 64)))
+    width = config.width
     sides = [config.size >> i for i in range(config.size.bit_length() - 3)]  # … 16, 8
     blocks = [
         Block(conv(3, width(s), width(s)), conv(3, width(s), width(s // 2)), conv(1, width(s), width(s // 2)).weight)
@@ -95,6 +94,12 @@ def init_discriminator(config: DiscriminatorConfig, key: Key[Array, ""]) -> Disc
         out=dense(width(4), config.embedding),
         embed=[dense(config.labels, config.embedding), dense(config.embedding, config.embedding)],
     )
+
+
+def check_size(config: DiscriminatorConfig) -> None:
+    """Raise ValueError if pictures of this size cannot be halved."""
+    if config.size < 8 or config.size & (config.size - 1):
+        raise ValueError(f"pictures must be a power of two wide and at least 8, not {config.size}")
 
 
 def discriminate(
@@ -116,7 +121,7 @@ def discriminate(
     x = jnp.concatenate([x, _deviation(x, everyone)], axis=-1)
     x = lrelu(convolved(d.last, x)).reshape(x.shape[0], -1)
     x = connected(d.out, lrelu(connected(d.hidden, x)))
-    return projected_on(d.embed, x, c)
+    return by_label(d.embed, x, c)
 
 
 def _deviation(x: Float[Array, "B H W C"], everyone: Callable | None) -> Float[Array, "B H W 1"]:

@@ -75,7 +75,7 @@ def halved(x: Float[Array, "B H W C"]) -> Float[Array, "B h w C"]:
     return resample(resample(x, how, 1), how, 2)
 
 
-def projected_on(embed: list[Dense], x: Float[Array, "B E"], c: Float[Array, "B L"]) -> Float[Array, "B"]:
+def by_label(embed: list[Dense], x: Float[Array, "B E"], c: Float[Array, "B L"]) -> Float[Array, "B"]:
     """D of features x and labels c."""
     e = connected(embed[1], lrelu(connected(embed[0], c)))
     e = e * jax.lax.rsqrt(jnp.mean(e**2, axis=1, keepdims=True) + 1e-8)

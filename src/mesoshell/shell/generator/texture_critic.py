@@ -6,8 +6,8 @@ y        maps of a texture, channels of unit variance                           
 D        logits, greater for exemplars: one for each place of a grid              (B, s, s)
 
 Seven convolutions without padding, so that a logit depends on what lies in its window of WINDOW² texels alone. β enters by
-projection, as discriminator.py's label does. Products are in TF32 where a device has it, and not less (`high`), with which the
-penalty's second derivatives stay finite (docs/results/generator.md).
+projection, as a discriminator's label does (equalised.py). Products are in TF32 where a device has it, and not less (`high`),
+with which the penalty's second derivatives stay finite (docs/results/generator.md).
 """
 
 from dataclasses import dataclass

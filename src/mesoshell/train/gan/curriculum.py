@@ -17,6 +17,7 @@ from jaxtyping import Int
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.shell.generator.discriminator import GROUP
+from mesoshell.train.gan.discriminators import KINDS
 from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.gan.state import GanConfig, sized_for
 from mesoshell.train.loader import Feed, open_shards, take
@@ -42,7 +43,8 @@ def adapt(config: GanConfig, dataset: Dataset) -> tuple[GanConfig, Dataset]:
     """The configuration adapted to a dataset, and the dataset with only the parameters that vary. Raises InputError if its
     images have another size, or if the discriminator's groups could hold views of one texture, which renders never do."""
     _check(config)
-    if config.views > max(config.batch // GROUP if config.batch % GROUP == 0 else 1, 1):
+    grouped = config.discriminator.kind == "residual"
+    if grouped and config.views > max(config.batch // GROUP if config.batch % GROUP == 0 else 1, 1):
         raise InputError(
             "views", f"{config.views} of a texture need a batch of {GROUP * config.views}, not {config.batch}"
         )
@@ -66,6 +68,8 @@ def _check(config: GanConfig) -> None:
     for name, (value, other, wanted) in pairs.items():
         if value != wanted:
             raise InputError(name, f"is {value}, and {other} is {wanted}: they must be the same")
+    if seen.kind not in KINDS:
+        raise InputError("discriminator.kind", f"is {seen.kind!r}; there are {' and '.join(KINDS)}")
     if config.r1_every < 1:
         raise InputError("r1_every", f"must be at least 1, not {config.r1_every}")
 

@@ -23,10 +23,12 @@ class Kind(NamedTuple):
     judge: Callable[..., Any]
 
 
-RESIDUAL = Kind(residual.init_discriminator, lambda y: y, residual.discriminate)
-PROJECTED = Kind(projected.init_projected, projected.project, projected.judge)
+KINDS = {
+    "residual": Kind(residual.init_discriminator, lambda y: y, residual.discriminate),
+    "projected": Kind(projected.init_projected, projected.project, projected.judge),
+}
 
 
 def kind_of(config: DiscriminatorConfig) -> Kind:
     """The one that a configuration asks for."""
-    return PROJECTED if config.kind == "projected" else RESIDUAL
+    return KINDS[config.kind]

@@ -85,9 +85,9 @@ def step(
             loss += config.mismatch * fake_loss(judged(discriminator, real, label(_mismatched(batch, across))))
         return loss, jnp.mean(logits)
 
-    (g_loss, fake_logit), by_picture = jax.value_and_grad(fooled, has_aux=True)(fake)
+    (g_loss, fake_logit), by_seen = jax.value_and_grad(fooled, has_aux=True)(fake)
     (d_loss, real_logit), d_gradient = jax.value_and_grad(discriminated, has_aux=True)(state.discriminator)
-    (g_gradient,) = back((by_picture, jnp.asarray(config.density, stats.roughness.dtype)))
+    (g_gradient,) = back((by_seen, jnp.asarray(config.density, stats.roughness.dtype)))
     g_gradient, d_gradient, stats = across.mean((g_gradient, d_gradient, stats))
     learner, learner_adam = apply_gradient(for_learner, state.learner, state.learner_adam, g_gradient)
     judge, judge_adam = apply_gradient(for_discriminator, state.discriminator, state.discriminator_adam, d_gradient)

@@ -36,6 +36,7 @@ from mesoshell.neutex.field import (
     to_texture,
 )
 from mesoshell.neutex.march import CELLS, dilate, march
+from mesoshell.render.composite import encoded
 from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.neutex.ray_batches import Rays, held_out, rays_for
 from mesoshell.train.update import HERE, Across, descent, not_finite
@@ -187,12 +188,6 @@ def updated_grid(
     sigma = jax.vmap(lambda y: density(config.field, field, y)[0])(place * (2 / n) - 1)
     old = grid.ravel()
     return old.at[cells].set(jnp.maximum(KEEP * old[cells], sigma)).reshape(grid.shape)
-
-
-def encoded(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """sRGB of linear x; linear below the knee, also for negative x."""
-    knee = 0.0031308
-    return jnp.where(x <= knee, 12.92 * x, 1.055 * jnp.maximum(x, knee) ** (1 / 2.4) - 0.055)
 
 
 def _ray(

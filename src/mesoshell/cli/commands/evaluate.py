@@ -11,7 +11,7 @@ import numpy as np
 from mesoshell.cli.checks import at_least
 from mesoshell.cli.compilation_cache import keep_compiled
 from mesoshell.cli.options.evaluate import Options
-from mesoshell.cli.progress import stderr
+from mesoshell.cli.progress import say_notes, stderr
 from mesoshell.errors import InputError
 from mesoshell.io.atomic import probe_folder, replace_file
 from mesoshell.io.records import read_rows
@@ -22,6 +22,11 @@ from mesoshell.train.nerf_tex.network import NerfTexConfig
 from mesoshell.train.nerf_tex.seeds import SEED
 from mesoshell.train.report import write_report
 from mesoshell.train.run_config import RunConfig, flat, read_record, snapshots
+
+FLATTERED = (
+    "this run's discriminator judged by EfficientNet-Lite0, so KID-EffLite0 and FID-EffLite0 flatter it: "
+    "mesoshell judge scores compares features of Lite2, which nothing here learns from"
+)
 
 
 def run(options: Options) -> None:
@@ -42,6 +47,8 @@ def run(options: Options) -> None:
     rows = read_rows(path, ("name", "images", "kimg"))
     done = {(row["name"], row["images"], row["kimg"]) for row in rows}
     console = stderr()
+    if isinstance(config, GanConfig) and config.discriminator.kind == "projected" and options.inception is None:
+        say_notes(console, [FLATTERED])
     for images, snapshot in chosen:
         if (measure.names[0], measure.count, images / 1000) in done:
             continue

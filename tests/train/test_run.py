@@ -350,9 +350,15 @@ def test_views_that_would_share_a_group_are_refused(data) -> None:
         adapt(replace(CONFIG, views=2), data)
     with pytest.raises(InputError, match="views: 2 of a texture need a batch of 8, not 6"):
         adapt(replace(CONFIG, batch=6, views=2), data)
+    heads = replace(CONFIG.discriminator, kind="projected")  # a row's logits know no other row
+    assert adapt(replace(CONFIG, views=2, discriminator=heads), data)[0].discriminator.kind == "projected"
 
 
 def test_fields_that_do_not_fit_each_other_are_refused(data) -> None:
+    misspelt = replace(CONFIG.discriminator)
+    object.__setattr__(misspelt, "kind", "projcted")  # beartype, in tests alone, would refuse it first
+    with pytest.raises(InputError, match=r"discriminator\.kind: is 'projcted'; there are residual and projected"):
+        adapt(replace(CONFIG, discriminator=misspelt), data)
     wider = replace(CONFIG, discriminator=replace(CONFIG.discriminator, size=16))
     finer = replace(CONFIG, picture=replace(CONFIG.picture, texels=64))
     for config, said in (

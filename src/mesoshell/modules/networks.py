@@ -58,7 +58,7 @@ class Generator(Network):
 
 class Discriminator(Network):
     """The logits of pictures y with labels c, of the configuration's kind (train/gan/discriminators). dtype: of the
-    convolutions of sides above 4."""
+    convolutions but the last."""
 
     config: DiscriminatorConfig
     dtype: DTypeLike = jnp.float32

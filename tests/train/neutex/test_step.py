@@ -15,13 +15,11 @@ import numpy as np
 import pytest
 
 from mesoshell.errors import InputError
-from mesoshell.io.image import linear_to_srgb
 from mesoshell.measure.captured import CHART, VIEWS, score_views
 from mesoshell.neutex.cameras import photo_rays, pixels
 from mesoshell.neutex.capture import Capture, read_capture
 from mesoshell.neutex.field import DENSITY, to_surface, to_texture
 from mesoshell.neutex.store import read_neutex
-from mesoshell.render.composite import encoded
 from mesoshell.train.gan.presets import PAPER, SMALL, TINY
 from mesoshell.train.method import ATLAS, method_of
 from mesoshell.train.neutex import step as atlas
@@ -115,13 +113,6 @@ def test_views_are_held_out_as_in_the_paper(capture) -> None:
     many = replace(capture, photos=capture.photos * 4)
     assert held_out(many)[1] == [6, 13, 30, 35] and len(held_out(many)[0]) == 60
     assert held_out(replace(capture, photos=capture.photos[:5]))[1] == []
-
-
-def test_the_loss_sees_srgb() -> None:
-    x = np.linspace(-0.2, 2, 100).astype(np.float32)
-    wanted = np.where(x < 0, 12.92 * x, linear_to_srgb(np.maximum(x, 0)))
-    np.testing.assert_allclose(encoded(jnp.asarray(x)), wanted, atol=1e-5)
-    assert bool(jnp.isfinite(jax.vmap(jax.grad(encoded))(jnp.asarray(x))).all())
 
 
 def test_phases_move_what_they_should() -> None:

@@ -35,8 +35,8 @@ class GanConfig:
     gamma: weight of R1, each r1_every steps; kimg: length of the run; near_kimg: when the nearest cameras are reached, from the
     farthest at first; views: pictures of each texture; blur: deviation in pixels, at first, of the blur before the
     discriminator, 0 from blur_kimg on; density: weight of the density's roughness; mismatch: weight of renders with other
-    renders' parameters, which the discriminator must also reject; precision: of convolutions that learn, except in R1, which is
-    always float32; snapshot_kimg: how often a run keeps a material and a sheet.
+    renders' parameters, which the discriminator must also reject; precision: of convolutions but the discriminator's last,
+    except in R1, which is always float32; snapshot_kimg: how often a run keeps a material and a sheet.
     """
 
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)

@@ -99,6 +99,18 @@ def test_what_another_process_removes_meanwhile_is_passed_over(tmp_path: Path, m
     assert [p.name for p in tmp_path.iterdir()] == ["c"]
 
 
+def test_a_read_only_cache_serves(maker, monkeypatch: pytest.MonkeyPatch):
+    make, times = maker
+    kept("a", 1000, make)
+
+    def refuse(path: Path) -> None:
+        raise PermissionError(f"{path} is read only")
+
+    monkeypatch.setattr(os, "utime", refuse)
+    kept("a", 1000, make)
+    assert times == [True]
+
+
 def test_what_was_not_used_for_longest_goes(maker, monkeypatch: pytest.MonkeyPatch):
     make, _ = maker
     for age, key in enumerate("abc"):

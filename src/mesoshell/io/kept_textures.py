@@ -9,6 +9,7 @@ Textures of less than MIN_BYTES are not kept, nor those of more than half of MAX
 What was not used for longest goes when all are more than MAX_BYTES.
 """
 
+import contextlib
 import hashlib
 import json
 import math
@@ -99,10 +100,11 @@ def _read(folder: Path) -> Bundle | None:
         return None
     try:
         texture = read_bundle(folder)
-        os.utime(folder)
     except (InputError, OSError):
         shutil.rmtree(folder, ignore_errors=True)
         return None
+    with contextlib.suppress(OSError):  # of a cache that is read only
+        os.utime(folder)
     return texture
 
 

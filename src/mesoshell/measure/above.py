@@ -30,8 +30,14 @@ def opacities(
     loaded: DeviceMaterial, alpha: Float[np.ndarray, "A"], field: tuple[int, int], layers: int
 ) -> Float[np.ndarray, "K V U"]:
     """Opacities of the field. field: P and n."""
-    sigma = jax.lax.map(lambda row: _row(loaded.layout, loaded.material, alpha, (field, layers), row)[0], _rows(field))
-    return np.asarray(jnp.moveaxis(opacity(sigma / layers), -1, 0))
+    return np.asarray(_opacities(loaded.layout, (field, layers), loaded.material, jnp.asarray(alpha)))
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _opacities(layout: Layout, how: tuple, material: Material, alpha: jax.Array) -> jax.Array:
+    field, layers = how
+    sigma = jax.lax.map(lambda v: _row(layout, material, alpha, how, v)[0], _rows(field))
+    return jnp.moveaxis(opacity(sigma / layers), -1, 0)
 
 
 def picture(
@@ -62,7 +68,6 @@ def _picture(layout: Layout, how: tuple, material: Material, alpha: jax.Array) -
     return jax.lax.map(row, _rows(field))
 
 
-@partial(jax.jit, static_argnums=(0, 3))
 def _row(layout: Layout, material: Material, alpha: jax.Array, how: tuple, v: jax.Array) -> tuple:
     """σ (U, K) of a row of pixels, and the trunk's features for the head, (U K, W)."""
     (patches, pixels), layers = how

@@ -12,6 +12,7 @@ both.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -71,15 +72,15 @@ def eq_r(config: GeneratorConfig, maker: tuple[Generator, Averages], w: Array, p
 
 def _texture(config: GeneratorConfig, maker: tuple[Generator, Averages], w: Array, phases: Phases) -> np.ndarray:
     """F about the origin, with room for the interpolation's taps."""
+    return np.asarray(_made(config, *maker, w, phases), np.float64)
+
+
+@partial(jax.jit, static_argnums=0)
+def _made(config: GeneratorConfig, generator: Generator, averages: Averages, w: Array, phases: Phases) -> Array:
     cells = _PATCHES * CELL // 2 + -(-2 * _REACH * CELL // config.texels)
     side = 2 * cells * config.texels // CELL
     corner = jnp.full(2, -cells, jnp.int32)
-
-    @jax.jit
-    def made(generator: Generator, averages: Averages, w: Array, phases: Phases) -> Array:
-        return synthesise(config, generator, averages, w, phases, corner, (side, side)).feature[0]
-
-    return np.asarray(made(*maker, w, phases), np.float64)
+    return synthesise(config, generator, averages, w, phases, corner, (side, side)).feature[0]
 
 
 def _sinc(by: float) -> Float[np.ndarray, "n"]:

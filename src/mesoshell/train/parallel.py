@@ -131,7 +131,8 @@ def _by_pmap(step: Callable) -> ParallelStep:
         rows = jax.lax.all_gather(x, AXIS, tiled=True)
         return rows, jax.lax.axis_index(AXIS) * x.shape[0] + jnp.arange(x.shape[0])
 
-    across = Across(lambda tree: jax.lax.pmean(tree, AXIS), everyone)
+    each = in_turn if jax.default_backend() == "cpu" else jax.vmap
+    across = Across(lambda tree: jax.lax.pmean(tree, AXIS), everyone, each)
 
     def place(state: Any) -> Any:
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (devices, *x.shape)), state)

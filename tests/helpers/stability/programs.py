@@ -17,7 +17,7 @@ import numpy as np
 import mesoshell
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.exemplars import Exemplars
-from mesoshell.measure import above, captured
+from mesoshell.measure import above, captured, equivariance
 from mesoshell.nets import efficientnet, inception
 from mesoshell.nets.encoding import HashConfig
 from mesoshell.neutex import edit as paint
@@ -27,12 +27,10 @@ from mesoshell.neutex.field import FieldConfig, init_field
 from mesoshell.shell.generator import bake, model
 from mesoshell.shell.generator.discriminator import DiscriminatorConfig
 from mesoshell.shell.generator.generator import (
-    Phases,
     draw_phases,
     init_averages,
     init_generator,
     map_latent,
-    synthesise,
 )
 from mesoshell.shell.generator.plan import GeneratorConfig
 from mesoshell.shell.geometry import batched_walk, march
@@ -257,12 +255,6 @@ def _of_generators() -> Programs:
     phases = jax.eval_shape(lambda: draw_phases(config, KEY, 1))
     one, nodes = (model.Latent(w, phases) for w in (f(1, 4), f(1, 9, 9, 4)))
     tile = partial(_jitted, bake._tile, config, 16, generator, averages)
-
-    def made(w: Any, phases: Phases) -> Any:
-        return synthesise(
-            config, init_generator(config, KEY), init_averages(config), w, phases, jnp.zeros(2, jnp.int32), (16, 16)
-        )
-
     slow = jnp.zeros((2, 2), jnp.int32)
     return {
         "shell.generator.bake._averaged": [_jitted(bake._averaged, f(8, 1, 4))],
@@ -277,7 +269,7 @@ def _of_generators() -> Programs:
             _jitted(snapshot._pictures, GAN, (0, 0), state.learner, averages, SHOWN, None)
         ],
         "train.gan.snapshot._feature": [_jitted(snapshot._feature, GAN, 16, state.learner, averages, SHOWN)],
-        "measure.equivariance._texture.made": [_plain(made, f(1, 4), phases)],
+        "measure.equivariance._made": [_jitted(equivariance._made, config, generator, averages, f(1, 4), phases)],
         "shell.generator.generator.map_latent": [_plain(map_latent, generator, f(1, 4), f(1, 1))],
         "signal.fourier.shifted_phase": [_plain(lambda p, s: shifted_phase(slow, slow, p, s), f(1, 5, 2), f(2))],
     }
@@ -430,6 +422,6 @@ def _of_judges(bundle: Bundle) -> Programs:
     picture = _jitted(above._picture, found.layout, (*how, (0.0, 0.0, 1.0)), found.material, f(1))
     return {
         "measure.above._picture": [picture],
-        "measure.above._row": [_jitted(above._row, found.layout, found.material, f(1), how, f())],
+        "measure.above._opacities": [_jitted(above._opacities, found.layout, how, found.material, f(1))],
         "measure.posed._fitted.batch": [],  # pictures as the GAN's step takes them
     }

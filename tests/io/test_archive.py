@@ -195,6 +195,13 @@ def test_a_list_of_other_shapes_is_refused(shapes: str, tmp_path: Path):
         read_heads(folder)
 
 
+def test_a_damaged_header_of_a_folder_is_refused(tmp_path: Path, fault_of: Callable):
+    (tmp_path / "f").mkdir()
+    (tmp_path / "f/a.npy").write_bytes(claiming("("))
+    with pytest.raises(InputError, match=r"a\.npy: not an array \(\.npy\), or a truncated or damaged one"):
+        read_heads(tmp_path / "f")
+
+
 def test_an_array_has_one_file(tmp_path: Path):
     folder = _folder(tmp_path / "f", f"[{', '.join(['[1]'] * 10)}]", np.arange(10, dtype=np.float16))
     with pytest.raises(InputError, match=r"a\.json: names a/9, which has a file of its own, too"):

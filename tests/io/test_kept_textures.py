@@ -99,6 +99,15 @@ def test_what_another_process_removes_meanwhile_is_passed_over(tmp_path: Path, m
     assert [p.name for p in tmp_path.iterdir()] == ["c"]
 
 
+def test_what_another_process_is_writing_stays(tmp_path: Path):
+    for name in (".a", ".b", "c", "d"):
+        (tmp_path / name).write_bytes(bytes(10))
+    os.utime(tmp_path / ".b", (1000.0, 1000.0))  # left behind
+    os.utime(tmp_path / "c", (2000.0, 2000.0))
+    forget(tmp_path / "d", 10)
+    assert {p.name for p in tmp_path.iterdir()} == {".a", "d"}
+
+
 def test_a_read_only_cache_serves(maker, monkeypatch: pytest.MonkeyPatch):
     make, times = maker
     kept("a", 1000, make)

@@ -44,6 +44,12 @@ def test_all_in_one_place_uses_one_cell() -> None:
     assert found.used < 0.005
 
 
+def test_a_map_to_one_point_has_numbers() -> None:
+    y = directions("latlong", 12).astype(float)
+    found = chart([y], [np.broadcast_to([0.0, 0.6, 0.8], y.shape)], [np.ones(y.shape[:2], bool)])
+    assert np.isfinite(found).all()
+
+
 def test_gaps_are_not_surface() -> None:
     """Two plates one behind the other: no triangle spans them."""
     y = np.stack(np.meshgrid(np.linspace(-1, 1, 32), np.linspace(-1, 1, 32)), axis=-1)

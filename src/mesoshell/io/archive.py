@@ -104,7 +104,7 @@ def _mapped(folder: Path) -> dict[str, np.ndarray]:
         else:
             try:
                 arrays[key.removesuffix(".npy")] = np.load(file, mmap_mode="r", allow_pickle=False)
-            except (OSError, ValueError, EOFError) as error:
+            except Exception as error:  # NumPy's parser raises half a dozen types
                 raise InputError(file, "not an array (.npy), or a truncated or damaged one") from error
     for file in lists:
         name = file.relative_to(folder).as_posix().removesuffix(".json")

@@ -10,6 +10,7 @@ Nothing there is needed: it can be removed at will, and what is damaged is made 
 import contextlib
 import os
 import shutil
+import time
 from pathlib import Path
 
 #: Rooms, and what they hold.
@@ -20,6 +21,10 @@ ROOMS = {
     "meshes": "unwrapped meshes",
     "densities": "baked densities",
 }
+
+
+#: Seconds after which a hidden entry, which is being written, counts as left behind.
+_LEFT_BEHIND = 86400
 
 
 def cache_folder(room: str) -> Path:
@@ -36,11 +41,14 @@ def held(path: Path) -> int:
 
 
 def forget(new: Path, most: int) -> None:
-    """Remove what was not used for longest from the room of `new`, but not that entry, until all are within `most` bytes."""
+    """Remove what was not used for longest from the room of `new`, but not that entry, nor what others are writing, until all
+    are within `most` bytes."""
     found = []
     for entry in new.parent.iterdir():
         with contextlib.suppress(OSError):  # another process may remove or rename it
-            found.append((entry.stat().st_mtime, entry, held(entry)))
+            age = time.time() - entry.stat().st_mtime
+            if not entry.name.startswith(".") or age > _LEFT_BEHIND:
+                found.append((-age, entry, held(entry)))
     total = sum(size for _, _, size in found)
     for _, entry, size in sorted(found):
         if total <= most or entry == new:

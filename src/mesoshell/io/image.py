@@ -23,7 +23,7 @@ from mesoshell.io.radiance_hdr import MAGIC as HDR_MAGIC
 from mesoshell.io.radiance_hdr import hdr_image
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
-_HALF_MAX = 65504.0
+HALF_MAX = 65504.0
 #: What Pillow refuses to decode.
 VAST = "has more pixels than are read: 179 million"
 
@@ -82,7 +82,7 @@ def exr_bytes(image: Float[np.ndarray, "H W C"], half: bool = True, source: str 
 
     pixels = _checked(source, image).astype(np.float32)
     if half:
-        pixels = np.where(np.isfinite(pixels), np.clip(pixels, -_HALF_MAX, _HALF_MAX), pixels).astype(np.float16)
+        pixels = np.where(np.isfinite(pixels), np.clip(pixels, -HALF_MAX, HALF_MAX), pixels).astype(np.float16)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     stream = io.BytesIO()
     OpenEXR.File(header, {"RGBA"[: pixels.shape[2]]: np.ascontiguousarray(pixels)}).write(stream)

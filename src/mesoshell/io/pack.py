@@ -21,6 +21,7 @@ from mesoshell.errors import Argument, InputError
 from mesoshell.io.atomic import new_folder, replace_file
 from mesoshell.io.dataset import Dataset
 from mesoshell.io.dataset_images import load_image
+from mesoshell.io.image import HALF_MAX
 
 #: Bytes of a shard, at most.
 _SHARD_BYTES = 2**26
@@ -72,4 +73,4 @@ def _npy(array: np.ndarray) -> bytes:
 
 def _means(image: Float32[np.ndarray, "H W 4"], k: int) -> Float16[np.ndarray, "h w 4"]:
     h, w = image.shape[0] // k, image.shape[1] // k
-    return image.reshape(h, k, w, k, 4).mean(axis=(1, 3)).astype(np.float16)
+    return np.minimum(image.reshape(h, k, w, k, 4).mean(axis=(1, 3)), HALF_MAX).astype(np.float16)

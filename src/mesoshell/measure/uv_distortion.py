@@ -45,7 +45,7 @@ def chart(
         raise ValueError("no view shows a piece of surface")
     most = np.sign(np.sum(np.sign(signed) * area)) or 1.0
     j = np.abs(signed)
-    log = np.log(np.maximum(j, MIN_JACOBIAN * np.average(j, weights=area)))
+    log = np.log(np.maximum(j, max(MIN_JACOBIAN * np.average(j, weights=area), np.finfo(np.float64).tiny)))
     mean = np.average(log, weights=area)
     cells = np.unique(np.concatenate([_cells(u_[hit_]) for u_, hit_ in zip(u, hit, strict=True)]))
     return Chart(

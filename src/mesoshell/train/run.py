@@ -13,6 +13,7 @@ first keeps the folder; with each step they agree whether to save and to stop.
 """
 
 import json
+import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,6 +22,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from mesoshell.errors import InputError
 from mesoshell.interrupt import StopRequest
 from mesoshell.io.image import write_png
 from mesoshell.train.checkpoint import Checkpoints
@@ -38,6 +40,11 @@ SAVE_EVERY = 120.0
 
 class Diverged(RuntimeError):
     """A loss or gradient is NaN or infinite; the text says which, when, and where the last good checkpoint is."""
+
+
+def steps_of(config: RunConfig) -> int:
+    """Steps of a run; a quotient that is whole but for its rounding counts as whole."""
+    return math.ceil(round(config.kimg * 1000 / config.batch, 6))
 
 
 def train(
@@ -68,7 +75,7 @@ def train(
         how,
         method.together(config),
     )
-    steps = int(np.ceil(config.kimg * 1000 / config.batch))
+    steps = steps_of(config)
     with (
         noticing(),
         Checkpoints(folder / "checkpoints") as checkpoints,
@@ -184,8 +191,12 @@ class _Book:
         row |= {k: float(f"{np.mean([numbers[k] for numbers in self.heard]):.5g}") for k in self.heard[0]}
         self.logged, self.heard = now, []
         if self.board:
-            with (self.folder / "log.jsonl").open("a") as log:
-                log.write(json.dumps(row) + "\n")
+            path = self.folder / "log.jsonl"
+            try:
+                with path.open("a") as log:
+                    log.write(json.dumps(row) + "\n")
+            except OSError as error:  # a write's names no file
+                raise InputError(path, f"cannot be written: {error.strerror}") from error
             self.board.row(row)
         self.show(row)
 

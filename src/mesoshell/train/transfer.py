@@ -27,6 +27,7 @@ from mesoshell.io.bundle import read_bundle
 from mesoshell.io.dataset import Dataset
 from mesoshell.nets.mlp import Dense
 from mesoshell.shell.generator.model import GeneratorModel, generator_model
+from mesoshell.shell.material.decoder import Decoder
 from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.export import declared_parameters
 from mesoshell.train.gan.state import GanConfig, Learner, TrainState, start
@@ -71,6 +72,7 @@ def transfer_from(config: RunConfig, data: Any, folder: Path) -> Callable[[Any],
     old = latest[1]
     if isinstance(config, GanConfig):
         return lambda fresh: transfer_weights(fresh, old, config.appearance)
+    _check_scaled(data, old.decoder, folder)
     lent = {"generator": old.smooth, "smooth": jax.tree.map(jnp.copy, old.smooth)}
     return lambda fresh: fresh._replace(averages=old.averages, a=old.a, b=old.b, **lent)
 
@@ -101,12 +103,17 @@ def _same_generator(config: GanConfig | TexturesConfig, maker: GeneratorModel, p
     return maker
 
 
+def _check_scaled(data: ScaledExemplars, decoder: Decoder, path: Path) -> None:
+    """Raise InputError if a decoder is not the exemplars' as they scale it."""
+    taught = zip(jax.tree.leaves(decoder), jax.tree.leaves(data.decoder), strict=True)
+    if not all(x.shape == y.shape and np.allclose(x, y, rtol=1e-3, atol=1e-4) for x, y in taught):
+        raise InputError(path, f"its decoder is not that of {data.folder}, or was scaled by other exemplars")
+
+
 def _of_snapshot(config: TexturesConfig, data: ScaledExemplars, path: Path) -> Callable[[TexturesState], TexturesState]:
     """The weights of a snapshot. The exemplars scale its decoder, so comparing decoders tells whether they are the same."""
     maker = _same_generator(config, generator_model(read_bundle(path), str(path)), path)
-    taught = zip(jax.tree.leaves(maker.decoder), jax.tree.leaves(data.decoder), strict=True)
-    if not all(x.shape == y.shape and np.allclose(x, y, rtol=1e-3, atol=1e-4) for x, y in taught):
-        raise InputError(path, f"its decoder is not that of {data.folder}, or was scaled by other exemplars")
+    _check_scaled(data, maker.decoder, path)
 
     def lent(fresh: TexturesState) -> TexturesState:
         generator = synthesis.unfold(maker.generator, fresh)

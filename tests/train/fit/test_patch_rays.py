@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from mesoshell.errors import InputError
+from mesoshell.io.dataset import read_dataset
 from mesoshell.io.dataset_images import load_images
 from mesoshell.render.camera import Camera, pixel_grid, rays
+from mesoshell.train.fit import patch_rays
+from mesoshell.train.fit.holdout import held_pictures
 from mesoshell.train.fit.patch_rays import gather_fit_data, rays_at
 from tests.helpers import fog
 from tests.helpers.patch_images import of_patches, of_tiles
@@ -38,6 +41,32 @@ def test_pixels_that_meet_the_box_are_learned(tmp_path: Path):
         np.testing.assert_allclose(row.alpha[:, 0], 0.05 + k / 10, rtol=1e-6)
         found += len(own)
     assert found == len(data.learned[0])
+
+
+def test_the_angle_of_view_is_across_the_width(tmp_path: Path):
+    data = gather_fit_data([fog.write(tmp_path / "set", fog.CAMERAS[:1])])
+    wide = replace(data, samples=(replace(data.samples[0], size=(18, 8)),))
+    corner = rays_at(wide, np.array([17]), 0, NO_KEY).direction[0] @ wide.samples[0].camera_to_world[:3, :3]
+    np.testing.assert_allclose(corner[:2] / -corner[2], np.tan(fog.FOV / 2) * np.array([17, 7]) / 18, rtol=1e-5)
+    found = patch_rays._pixel_rays(wide.samples[0])[1][17]
+    np.testing.assert_allclose(found @ wide.samples[0].camera_to_world[:3, :3], corner, rtol=1e-5)
+
+
+def test_radiance_beyond_half_precision_stays_finite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(patch_rays, "load_image", lambda sample: np.full((*sample.size, 4), 7e4, np.float32))
+    data = gather_fit_data([fog.write(tmp_path / "set", fog.CAMERAS[:1])])
+    assert np.isfinite(data.target(np.arange(9))).all()
+
+
+def test_a_test_set_has_its_own_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """By whatever path its folder is given."""
+    monkeypatch.chdir(tmp_path)
+    fog.write(Path("set"), fog.CAMERAS)
+    fog.write(Path("set/test"), fog.CAMERAS[:2])
+    monkeypatch.chdir("set")
+    data = gather_fit_data([read_dataset(Path())], held=1, tests=[read_dataset(Path("test"))])
+    assert held_pictures(data, Path()) == [(0, 3)]
+    assert held_pictures(data, Path("test")) == [(0, 4), (0, 5)]
 
 
 def test_datasets_of_the_same_patches_add_up(tmp_path: Path):

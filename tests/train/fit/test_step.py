@@ -23,7 +23,7 @@ from mesoshell.train.export import patch_bundle
 from mesoshell.train.fit.feed import adapt, feed
 from mesoshell.train.fit.holdout import score
 from mesoshell.train.fit.patch_rays import FitData, Rays, gather_fit_data
-from mesoshell.train.fit.result import conclude, fit_config
+from mesoshell.train.fit.result import conclude, fit_config, fit_data_for
 from mesoshell.train.fit.slab_pixels import predict, residual
 from mesoshell.train.fit.snapshot import exemplars, provenance
 from mesoshell.train.fit.state import FitConfig, FitState, material_of, texture_of
@@ -69,6 +69,26 @@ def test_fog_is_recovered_in_views_not_seen(data: FitData, tmp_path: Path):
 def patches(tmp_path_factory: pytest.TempPathFactory) -> FitData:
     """Three patches of the same fog."""
     return gather_fit_data([of_patches(tmp_path_factory.mktemp("many") / "set", [0, 0, 0, 1, 1, 1, 2, 2, 2])], held=1)
+
+
+def test_any_seed_draws_rows(data: FitData):
+    config, seen = adapt(replace(CONFIG, seed=-1), data)
+    rows = feed(config, seen)(0)
+    assert np.isfinite(rows.direction).all() and (rows.key != feed(replace(config, seed=1), seen)(0).key).any()
+
+
+def test_what_shows_nothing_cannot_be_scored(data: FitData, tmp_path: Path):
+    away = fog.write(tmp_path / "away", fog.CAMERAS[:1])
+    pose = away.samples[0].camera_to_world @ np.diag([1.0, 1.0, -1.0, 1.0])
+    away = replace(away, samples=(replace(away.samples[0], camera_to_world=pose),))
+    shown = fog.write(tmp_path / "shown", fog.CAMERAS)
+    with pytest.raises(InputError, match="away: has no held-out picture that shows its patch: nothing to score"):
+        fit_data_for(CONFIG, [shown], [away])
+
+
+@pytest.mark.parametrize("steps", [1, 1000, 2007, 2008, 10500])
+def test_a_fit_takes_its_steps(steps: int):
+    assert run.steps_of(FitConfig(steps=steps)) == steps
 
 
 def test_a_step_moves_the_patches_that_it_shows_and_no_other(patches: FitData):

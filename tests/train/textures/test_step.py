@@ -355,6 +355,9 @@ def test_a_run_keeps_a_material_and_a_sheet(exemplars: Exemplars, tmp_path: Path
     run.train(config, read_exemplars(tmp_path / "e.npz"), tmp_path / "run")
     assert [p.name for p in (tmp_path / "run" / "snapshots").iterdir()] == ["000000004.npz"]
     assert (tmp_path / "run" / "sheets" / "000000004.png").stat().st_size > 1000
+    fewer, data = adapt(replace(config, exemplars=1), read_exemplars(tmp_path / "e.npz"))
+    with pytest.raises(InputError, match=r"run: its decoder is not that of .*, or was scaled by other exemplars"):
+        transfer_from(fewer, data, tmp_path / "run")
 
 
 def test_a_run_begins_with_a_snapshot(begun, exemplars: Exemplars, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -62,7 +62,14 @@ def grow(
         return replace(textured, provenance=textured.provenance | share._asdict())
 
     beta = _geometry(bundle, wanted, count_nodes(size, texels))
-    settings = sorted(wanted.values.items()), sorted(wanted.fields), wanted.coarser, wanted.latent, bundle.generator
+    settings = (
+        sorted(wanted.values.items()),
+        sorted(wanted.fields),
+        wanted.coarser,
+        wanted.latent,
+        bundle.generator,
+        bundle.parameters,
+    )
     key = key_of(bundle, beta, size, needed.tobytes(), wanted.seed, *settings)
     return kept(key, 8 * bundle.channels * size[0] * size[1] // 3 >> 2 * wanted.coarser, make), origin
 

@@ -59,13 +59,13 @@ def feed(config: FitConfig, data: FitData, host: int = 0, hosts: int = 1) -> Cal
     def at(step: int) -> Rays:
         learning = step < config.stand * config.steps and not config.given and not config.tiles
         few = max(FEW, config.at_once) if learning else config.patches
-        drawn = np.random.default_rng([config.seed, step])
+        drawn = np.random.default_rng([config.seed % 2**32, step])
         group = drawn.permutation(min(few, config.patches))[: config.at_once]
         keys = drawn.integers(0, 2**32, (config.batch, 2), np.uint32)
         rows = []
         for row in mine:
             patch = int(group[row // config.together])
-            random = np.random.default_rng([config.seed, step, row + 1])
+            random = np.random.default_rng([config.seed % 2**32, step, row + 1])
             pixels = data.learned[patch]
             rows.append(rays_at(data, pixels[random.integers(len(pixels), size=config.rays)], patch, keys[row]))
         return Rays(*(np.stack(column) for column in zip(*rows, strict=True)))

@@ -44,17 +44,18 @@ def score(
     config: FitConfig, data: FitData, fitted: MaterialOfPatch, folder: Path
 ) -> tuple[Scores, Float[np.ndarray, "N H W 4"]]:
     """Scores over all held-out pictures of a dataset, and their predictions, patch by patch."""
-    some = [(k, n) for k, n in held_pictures(data) if data.samples[n].file.is_relative_to(folder)]
+    some = held_pictures(data, folder)
     pictures, true = (
         np.stack(x) for x in zip(*(picture_pair(config, data, fitted(k), k, n) for k, n in some), strict=True)
     )
     return compare(pictures, true), pictures
 
 
-def held_pictures(data: FitData) -> list[tuple[int, int]]:
-    """(Patch, picture) of all held-out pictures."""
+def held_pictures(data: FitData, folder: Path) -> list[tuple[int, int]]:
+    """(Patch, picture) of a dataset's held-out pictures."""
     by_patch = (np.unique(np.searchsorted(data.first, p, side="right") - 1) for p in data.held)
-    return [(k, int(n)) for k, pictures in enumerate(by_patch) for n in pictures]
+    of = [(k, int(n)) for k, pictures in enumerate(by_patch) for n in pictures]
+    return [(k, n) for k, n in of if data.samples[n].file.parents[1] == folder]
 
 
 def picture_pair(

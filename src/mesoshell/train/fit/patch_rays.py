@@ -23,6 +23,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.corner_tiles import SIDE, is_torus
 from mesoshell.io.dataset import Dataset, Sample, origin, parameter_table
 from mesoshell.io.dataset_images import load_image
+from mesoshell.io.image import HALF_MAX
 from mesoshell.limits import check_memory
 from mesoshell.render.camera import Camera, pixel_grid, pixel_radius, rays
 
@@ -168,7 +169,7 @@ def _pixels(
     pixels, met = np.empty((first[-1], 4), np.float16), np.empty(first[-1], bool)
     for i, sample in enumerate(samples):
         at = slice(first[i], first[i + 1])
-        pixels[at] = load_image(sample).reshape(-1, 4)
+        pixels[at] = np.minimum(load_image(sample), HALF_MAX).reshape(-1, 4)
         near, far = box_span(*_pixel_rays(sample))
         met[at] = far > near + 1e-6
     return pixels, met
@@ -197,7 +198,9 @@ def _held(patch: Int[np.ndarray, "N"], held: int) -> np.ndarray:
 
 
 def _pixel_rays(sample: Sample) -> tuple[np.ndarray, np.ndarray]:
-    camera = Camera(sample.camera_to_world, sample.fov, *sample.size)
+    width, height = sample.size
+    fov = 2 * np.arctan(height / width * np.tan(sample.fov / 2))
+    camera = Camera(sample.camera_to_world, fov, width, height)
     return rays(camera, pixel_grid(camera, 1, 0))
 
 
@@ -217,7 +220,7 @@ def rays_at(data: FitData, pixels: Int[np.ndarray, "R"], patch: int, key: np.nda
     some = [data.samples[i] for i in which]
     width = np.array([s.size[0] for s in some])[back]
     height = np.array([s.size[1] for s in some])[back]
-    spread = np.array([2 * np.tan(s.fov / 2) / s.size[1] for s in some])[back]
+    spread = np.array([2 * np.tan(s.fov / 2) / s.size[0] for s in some])[back]
     y, x = np.divmod(pixels - data.first[n], width)
     local = np.stack([(x + 0.5 - width / 2) * spread, (height / 2 - y - 0.5) * spread, -np.ones(len(x))], axis=1)
     frame = np.array([s.camera_to_world for s in some])[back]

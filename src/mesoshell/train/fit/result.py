@@ -18,7 +18,7 @@ from mesoshell.io.names import distinct_names
 from mesoshell.limits import check_memory, check_seed
 from mesoshell.train.export import declared_parameters, to_bundle
 from mesoshell.train.fit.feed import adapt
-from mesoshell.train.fit.holdout import Scores, score
+from mesoshell.train.fit.holdout import Scores, held_pictures, score
 from mesoshell.train.fit.patch_rays import FitData, gather_fit_data
 from mesoshell.train.fit.snapshot import exemplars, provenance
 from mesoshell.train.fit.state import FitConfig, FitState, material_of, texture_of
@@ -75,9 +75,13 @@ def fit_config(
 def fit_data_for(config: FitConfig, datasets: Sequence[Dataset], tests: Sequence[Dataset]) -> FitData:
     """The pictures of datasets, and of test datasets. Raises InputError if they have too few rays for a step, or more patches
     than memory holds."""
-    for dataset in [*(datasets if config.held else ()), *tests]:
+    scored = [*(datasets if config.held else ()), *tests]
+    for dataset in scored:
         _check_scored(dataset)
     data = gather_fit_data(datasets, config.held, tests)
+    for dataset in scored:
+        if not held_pictures(data, dataset.folder):
+            raise InputError(dataset.folder, "has no held-out picture that shows its patch: nothing to score")
     count, needed = sum(map(len, data.learned)), config.rays * config.batch
     if needed > count:
         raise InputError(Argument("rays"), f"{needed} a step: the datasets have {count} that meet the box")

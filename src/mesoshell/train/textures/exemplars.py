@@ -86,7 +86,7 @@ def feed(config: Any, data: ScaledExemplars, host: int = 0, hosts: int = 1) -> C
 
     def at(step: int) -> ExemplarBatch:
         mine = slice(host * rows, (host + 1) * rows)
-        drawn = np.random.default_rng([config.seed, step, 1])
+        drawn = np.random.default_rng([config.seed % 2**32, step, 1])
         keys = drawn.integers(0, 2**32, (config.batch, 2), np.uint32)[mine]
         if config.adversarial:
             patch = drawn.integers(count, size=config.batch)[mine]
@@ -96,7 +96,10 @@ def feed(config: Any, data: ScaledExemplars, host: int = 0, hosts: int = 1) -> C
             )
         else:
             places = np.arange(step * config.batch, (step + 1) * config.batch)
-            order = {n: np.random.default_rng([config.seed, n]).permutation(count) for n in np.unique(places // count)}
+            order = {
+                n: np.random.default_rng([config.seed % 2**32, n]).permutation(count)
+                for n in np.unique(places // count)
+            }
             patch = np.array([order[n // count][n % count] for n in places])[mine]
             feature = data.features[patch]
         return ExemplarBatch(patch.astype(np.int32), feature, data.what.beta[patch], keys)

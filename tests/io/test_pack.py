@@ -40,6 +40,10 @@ def test_smaller_images_are_means_over_whole_pixels(folder, tmp_path):
     np.testing.assert_allclose(load_images(packed)[1].mean(axis=(0, 1)), image.mean(axis=(0, 1)), rtol=2**-11)
 
 
+def test_radiance_beyond_half_precision_stays_finite():
+    assert pack._means(np.full((4, 4, 4), 7e4, np.float32), 2).max() == 65504
+
+
 def test_a_part_of_a_dataset_is_packed_as_a_whole_one(folder, tmp_path):
     folder.manifest(folder.settings | {"count": 9})
     rows = folder.rows.read_text().splitlines(keepends=True)

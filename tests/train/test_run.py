@@ -1,11 +1,15 @@
 """Runs go on where they stopped, bit for bit; refuse what is not theirs; stop when something is not finite."""
 
+import errno
 import json
 import os
 import shutil
 import signal
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import jax
 import numpy as np
@@ -71,6 +75,17 @@ def test_a_run_leaves_its_record_its_log_and_a_checkpoint(whole) -> None:
     assert row["r1"] > 0  # due at the first step of the row's four: the row is their mean
     assert json.loads((folder / "config.json").read_text())["config"]["batch"] == 4
     assert max(int(p.name) for p in (folder / "checkpoints").iterdir() if p.name.isdigit()) == 4
+
+
+def test_a_full_disk_under_the_log_names_it(tmp_path, monkeypatch) -> None:
+    class Full(StringIO):
+        def write(self, _text: str) -> int:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "open", lambda *_args: Full())
+    book: Any = SimpleNamespace(config=CONFIG, heard=[{"r1": 1.0}], logged=0.0, board=True, folder=tmp_path)
+    with pytest.raises(InputError, match=r"log\.jsonl: cannot be written: No space left on device"):
+        run._Book.row(book, 4)
 
 
 def test_a_run_shows_itself(whole) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mesoshell.errors import InputError
+from mesoshell.io import archive
 from mesoshell.io.atomic import replace_file
 from mesoshell.io.cache import forget, remove
 
@@ -30,9 +31,8 @@ def read_arrays(entry: Path, names: Iterable[str]) -> dict[str, np.ndarray] | No
     if not entry.exists():
         return None
     try:
-        with entry.open("rb") as file, np.load(file) as kept:
-            arrays = {name: kept[name] for name in names}
-    except Exception:  # zipfile, zlib and NumPy's parser raise a dozen types
+        arrays = archive.read_arrays(entry, names)
+    except InputError:
         remove(entry)
         return None
     with contextlib.suppress(OSError):  # of a cache that is read only

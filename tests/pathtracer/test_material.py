@@ -137,7 +137,7 @@ def test_tiles_far_out_and_of_a_seed_are_those_of_the_other_engine(tiled_bundle,
     assert np.quantile(off, 0.99) < 2e-4, "taps that fall on a border may round to either side"
 
 
-@pytest.mark.parametrize("taps", [0, 1, 2, 8])
+@pytest.mark.parametrize("taps", [0, 2, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 8))])
 def test_a_correction_is_read_at_the_area_that_is_averaged(taps) -> None:
     """In both engines: its numbers are the levels themselves here, and features are 0. Without a filter there is none."""
     bundle = read_bundle(GRASS)

@@ -67,7 +67,7 @@ def test_a_shell_is_left_through_its_top_but_no_farther_off_than_at_a_quarter() 
     assert float(np.array(scatter.exit_distance(frame, mi.Float(0.4), mi.Vector3f(0, 0, 1), 0.1))[0]) == np.float32(0.1)
 
 
-@pytest.mark.parametrize("spacing", ["length", "density"])
+@pytest.mark.parametrize("spacing", [pytest.param("length", marks=pytest.mark.slow), "density"])
 def test_collisions_are_drawn_by_their_weights(spacing: str) -> None:
     """Transmittance and light of the flat box by 512 drawn flights a ray, and by quadrature: z-tests of 64 rays."""
     mesh = box()

@@ -74,7 +74,7 @@ def test_a_floor_is_lit_as_by_hand(kind: str, clear: ms.Material, tmp_path: Path
     np.testing.assert_allclose(written[..., :3].mean(axis=(0, 1)), wanted, rtol=0.03)
 
 
-@pytest.mark.parametrize("kind", ["sphere", "rectangle"])
+@pytest.mark.parametrize("kind", [pytest.param("sphere", marks=pytest.mark.slow), "rectangle"])
 def test_a_camera_sees_through_lamps(kind: str, clear: ms.Material, tmp_path: Path):
     """One hangs between the camera and the floor, and shines down; around it the sky is seen. So it is in a scene of
     Mitsuba's that it is written to; and a rectangle turned to the camera is not seen either."""

@@ -114,6 +114,7 @@ def shrunk(config: Any) -> RunConfig:
 #: and the plain generator and the captured object, whose runs and steps are tests of their own.
 VARIANTS = {
     "carpet",
+    "pictures",
     "smooth",
     "mismatch",
     "frozen_phases",

@@ -114,6 +114,7 @@ def test_tiles_are_corrected(few, tiled_bundle) -> None:
     assert tiles.arrays["correction"].shape[0] == 5 and tiles.tiles == tiled_bundle.tiles
 
 
+@pytest.mark.slow  # a texture of one, whose correction is laid into it, is below
 def test_a_generator_is_corrected(few) -> None:
     made = fit_correction(growing.bundle(), "grown", steps=3)
     assert not made.baked and made.arrays["correction"].shape[0] == 5

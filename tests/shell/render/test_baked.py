@@ -54,7 +54,7 @@ CLOSE = {"one": 0.02, "varying": 0.02, "tiled": 0.05, "several": 0.04}
     [
         pytest.param("one", 8, marks=pytest.mark.slow),
         ("one", 1),
-        ("varying", 8),
+        pytest.param("varying", 8, marks=pytest.mark.slow),
         pytest.param("tiled", 1, marks=pytest.mark.slow),
         ("several", 8),
     ],

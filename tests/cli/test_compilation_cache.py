@@ -1,4 +1,5 @@
-"""Programs that are kept between commands: one that was only half written is compiled anew, and nothing is said of it."""
+"""Programs that are kept between commands: one that was only half written is compiled anew, and nothing is said of it; of too
+many the oldest go."""
 
 import os
 import subprocess
@@ -28,3 +29,14 @@ def test_a_half_written_program_is_compiled_anew_without_a_word(tmp_path: Path) 
     for path in kept:
         path.write_bytes(path.read_bytes()[:100])
     assert said(tmp_path) == (0, "42\n", "")
+
+
+def test_the_oldest_go_when_they_are_too_many(tmp_path: Path) -> None:
+    room = tmp_path / "mesoshell" / "xla"
+    room.mkdir(parents=True)
+    for age, name in enumerate(("new", "old")):
+        with open(room / f"{name}-cache", "wb") as file:
+            file.truncate(600 << 20)
+        os.utime(room / f"{name}-cache", (1e9 - age, 1e9 - age))
+    assert said(tmp_path) == (0, "42\n", "")
+    assert (room / "new-cache").exists() and not (room / "old-cache").exists()

@@ -95,7 +95,7 @@ def test_what_another_process_removes_meanwhile_is_passed_over(tmp_path: Path, m
         return plain(path, **how)
 
     monkeypatch.setattr(Path, "stat", stat)
-    forget(tmp_path / "c", 15)
+    forget(tmp_path, 15, tmp_path / "c")
     assert [p.name for p in tmp_path.iterdir()] == ["c"]
 
 
@@ -104,7 +104,7 @@ def test_what_another_process_is_writing_stays(tmp_path: Path):
         (tmp_path / name).write_bytes(bytes(10))
     os.utime(tmp_path / ".b", (1000.0, 1000.0))  # left behind
     os.utime(tmp_path / "c", (2000.0, 2000.0))
-    forget(tmp_path / "d", 10)
+    forget(tmp_path, 10, tmp_path / "d")
     assert {p.name for p in tmp_path.iterdir()} == {".a", "d"}
 
 

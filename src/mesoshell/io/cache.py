@@ -40,18 +40,18 @@ def held(path: Path) -> int:
     return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
 
 
-def forget(new: Path, most: int) -> None:
-    """Remove what was not used for longest from the room of `new`, but not that entry, nor what others are writing, until all
-    are within `most` bytes."""
+def forget(room: Path, most: int, but: Path | None = None) -> None:
+    """Remove what was not used for longest from a room, but not the entry `but`, nor what others are writing, until all are
+    within `most` bytes."""
     found = []
-    for entry in new.parent.iterdir():
+    for entry in room.iterdir():
         with contextlib.suppress(OSError):  # another process may remove or rename it
             age = time.time() - entry.stat().st_mtime
             if not entry.name.startswith(".") or age > _LEFT_BEHIND:
                 found.append((-age, entry, held(entry)))
     total = sum(size for _, _, size in found)
     for _, entry, size in sorted(found):
-        if total <= most or entry == new:
+        if total <= most or entry == but:
             continue
         remove(entry)
         total -= size

@@ -21,7 +21,7 @@ def keep_arrays(entry: Path, arrays: Mapping[str, np.ndarray], most: int) -> Non
     try:
         entry.parent.mkdir(parents=True, exist_ok=True)
         replace_file(entry, data.getvalue())
-        forget(entry, most)
+        forget(entry.parent, most, entry)
     except (InputError, OSError):  # no such disk, or a full one
         return
 

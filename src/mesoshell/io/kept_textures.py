@@ -61,7 +61,7 @@ def kept(key: str, size: int, make: Make) -> Bundle:
             made = to_folder(new, make)
     except InputError:  # a folder that cannot be written, or that another render has made meanwhile
         return _read(folder) or make(None)
-    forget(folder, MAX_BYTES)
+    forget(folder.parent, MAX_BYTES, folder)
     return _read(folder) or made
 
 

@@ -107,7 +107,7 @@ def _made(
         if where is not None and written.stat().st_size <= MAX_BYTES // 2:
             with contextlib.suppress(OSError):  # it cannot be kept
                 os.replace(written, file)
-                forget(file, MAX_BYTES)
+                forget(file.parent, MAX_BYTES, file)
     return made, key
 
 

@@ -1,5 +1,5 @@
 """Pictures after textures: a generator and decoder that have learned fitted textures (`--transfer lawn.npz`) are taught further
-through the renderer, at a low rate, judged by heads on the maps of a network that saw photographs.
+through the renderer, at a low rate, judged by a discriminator, and by heads on the maps of a network that saw photographs.
 """
 
 from dataclasses import replace
@@ -19,18 +19,18 @@ def variant(preset: GanConfig) -> GanConfig:
         picture=picture,
         discriminator=replace(
             preset.discriminator,
-            kind="projected",
+            kind="vision-aided",
             opacity=True,
             channel_base=preset.discriminator.channel_base // 2,
             channel_max=preset.discriminator.channel_max // 2,
         ),
-        # with a quarter of γ and twice the rate, heads ran away from a generator as slow as this
+        # with a fifth of γ and twice the rate, heads ran away from a generator as slow as this
         discriminator_rate=1e-3,
-        gamma=16 * preset.gamma,
+        gamma=10 * preset.gamma,
         trunk=(64, 64, 64),
         head=(64, 64),
         generator_rate=2e-4,
-        near_kimg=0.5,
+        near_kimg=0.01,
     )
 
 

@@ -29,8 +29,8 @@ from mesoshell.shell.generator.generator import (
 )
 from mesoshell.shell.generator.model import generator_arrays
 from mesoshell.shell.generator.plan import GeneratorConfig
-from mesoshell.shell.generator.projected import init_projected, judge, project
 from mesoshell.shell.generator.texture_critic import CriticConfig, criticise, init_critic
+from mesoshell.shell.generator.vision_aided import init_vision_aided, judge, perceive
 from mesoshell.shell.material import decoder as decoding
 from mesoshell.shell.material.decoder import init_decoder
 from mesoshell.shell.material.loader import decoder_of
@@ -115,10 +115,12 @@ def case(name: str) -> Case:
     if name == "discriminator":
         inputs = normal(0, 4, 8, 8, 3), normal(1, 4, 3)
         return Case(ms.modules.Discriminator(JUDGE), lambda key: init_discriminator(JUDGE, key), inputs, discriminate)
-    if name == "projected":
-        inputs, config = (normal(0, 4, 8, 8, 3), normal(1, 4, 3)), replace(JUDGE, kind="projected")
+    if name == "vision-aided":
+        inputs, config = (normal(0, 4, 8, 8, 3), normal(1, 4, 3)), replace(JUDGE, kind="vision-aided")
         module = ms.modules.Discriminator(config)
-        return Case(module, lambda key: init_projected(config, key), inputs, lambda t, y, c: judge(t, project(y), c))
+        return Case(
+            module, lambda key: init_vision_aided(config, key), inputs, lambda t, y, c: judge(t, perceive(y), c)
+        )
     if name == "critic":
         inputs = normal(0, 2, 42, 42, 3), jnp.full((2, 1), 0.3)
         return Case(ms.modules.TextureCritic(CRITIC), lambda key: init_critic(CRITIC, key), inputs, criticise)
@@ -133,7 +135,17 @@ def case(name: str) -> Case:
     return _case_of_field(name)
 
 
-NAMES = ["generator", "discriminator", "projected", "critic", "decoder", "surface", "texture", "volume", "reflectance"]
+NAMES = [
+    "generator",
+    "discriminator",
+    "vision-aided",
+    "critic",
+    "decoder",
+    "surface",
+    "texture",
+    "volume",
+    "reflectance",
+]
 #: A captured object's field is one module whatever gives it its colours, and the critics are alike.
 EACH = [pytest.param(x, marks=pytest.mark.slow if x in ("critic", "volume", "reflectance") else ()) for x in NAMES]
 

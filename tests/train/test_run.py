@@ -196,6 +196,13 @@ def test_a_run_on_pictures_begins_with_a_snapshot(data, whole, tmp_path, monkeyp
     newest = transfer_from(config, shown, run_of_textures.parent)(fresh)
     for own, given in zip(leaves(lent.learner), leaves(newest.learner), strict=True):
         np.testing.assert_array_equal(own, given)
+    made, texels = config.generator, 2 * config.generator.texels
+    finer = replace(config, generator=replace(made, texels=texels, channel_base=2 * made.channel_base))
+    for own, given in zip(leaves(lent.learner), leaves(transfer_from(finer, shown, path)(fresh).learner), strict=True):
+        np.testing.assert_array_equal(own, given)
+    narrower = replace(finer, generator=replace(finer.generator, channel_base=made.channel_base // 2))
+    with pytest.raises(InputError, match=f"with {texels} texels a patch, generator.channel_base must keep"):
+        transfer_from(narrower, shown, path)
     wider = replace(config, generator=replace(config.generator, w=16))
     with pytest.raises(InputError, match="its generator is not this run's: w is 4, asked for 16"):
         transfer_from(wider, shown, path)
@@ -372,7 +379,9 @@ def test_views_that_would_share_a_group_are_refused(data) -> None:
 def test_fields_that_do_not_fit_each_other_are_refused(data) -> None:
     misspelt = replace(CONFIG.discriminator)
     object.__setattr__(misspelt, "kind", "projcted")  # beartype, in tests alone, would refuse it first
-    with pytest.raises(InputError, match=r"discriminator\.kind: is 'projcted'; there are residual and projected"):
+    with pytest.raises(
+        InputError, match=r"discriminator\.kind: is 'projcted'; there are residual, projected, vision-aided"
+    ):
         adapt(replace(CONFIG, discriminator=misspelt), data)
     wider = replace(CONFIG, discriminator=replace(CONFIG.discriminator, size=16))
     finer = replace(CONFIG, picture=replace(CONFIG.picture, texels=64))

@@ -1,5 +1,7 @@
 """What a run lends to another: all that does not know the dataset's parameters."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +12,8 @@ from mesoshell.train.gan.state import TrainState, sized_for, start
 from mesoshell.train.transfer import transfer_weights
 from tests.helpers import small_step
 
-OLD, NEW = sized_for(small_step.CONFIG, 1, 1), sized_for(small_step.CONFIG, 3, 0)
+AIDED = replace(small_step.CONFIG, discriminator=replace(small_step.CONFIG.discriminator, kind="vision-aided"))
+OLD, NEW = sized_for(AIDED, 1, 1), sized_for(AIDED, 3, 0)
 
 
 @pytest.fixture(scope="module")

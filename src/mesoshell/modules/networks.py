@@ -13,18 +13,16 @@ from jax.typing import DTypeLike
 from mesoshell.modules.network import Network
 from mesoshell.neutex import field as captured
 from mesoshell.neutex.field import Field, FieldConfig, init_field
-from mesoshell.shell.generator import discriminator as discriminator_pure
 from mesoshell.shell.generator import generator as generator_pure
 from mesoshell.shell.generator import texture_critic as texture_critic_pure
 from mesoshell.shell.generator.discriminator import DiscriminatorConfig
 from mesoshell.shell.generator.generator import Phases, Texture
 from mesoshell.shell.generator.plan import GeneratorConfig
-from mesoshell.shell.generator.projected import Projected
 from mesoshell.shell.generator.texture_critic import CriticConfig
 from mesoshell.shell.material import decoder as decoder_pure
 from mesoshell.surface_material import network as surface_network
 from mesoshell.surface_material.network import OpacityEval, SurfaceConfig, SurfaceQuery
-from mesoshell.train.gan.discriminators import kind_of
+from mesoshell.train.gan.discriminators import AnyDiscriminator, kind_of
 from mesoshell.typing import Array, Float, Int, Key, Scalar, Vec3
 
 
@@ -63,7 +61,7 @@ class Discriminator(Network):
     config: DiscriminatorConfig
     dtype: DTypeLike = jnp.float32
 
-    def draw(self, key: Key[Array, ""]) -> discriminator_pure.Discriminator | Projected:
+    def draw(self, key: Key[Array, ""]) -> AnyDiscriminator:
         return kind_of(self.config).start(self.config, key)
 
     def __call__(self, y: Float[Array, "B S S I"], c: Float[Array, "B L"]) -> Float[Array, "B ..."]:

@@ -8,7 +8,8 @@ anew        the optimisers, and the counts of steps and images: these start from
 
 A run on textures has no such parameters. It begins with averaged weights: another run's, or a snapshot's, whose last layer has
 a and b folded into it, and is unfolded again. A run on pictures may begin with a snapshot too, of either kind of run, with the
-same parameters: generator and decoder are lent, and the discriminator begins anew.
+same parameters: generator and decoder are lent, and the discriminator begins anew. Such a run may have more texels a patch, if
+channel_base keeps the layers as wide: each layer keeps its weights for higher frequencies, and what it makes is finer.
 
 Both networks are lent, as by Wang et al., "Transferring GANs: generating images from limited data" (2018).
 """
@@ -27,6 +28,7 @@ from mesoshell.io.bundle import read_bundle
 from mesoshell.io.dataset import Dataset
 from mesoshell.nets.mlp import Dense
 from mesoshell.shell.generator.model import GeneratorModel, generator_model
+from mesoshell.shell.generator.vision_aided import VisionAided
 from mesoshell.shell.material.decoder import Decoder
 from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.export import declared_parameters
@@ -40,6 +42,8 @@ from mesoshell.train.textures.state import TexturesConfig, TexturesState
 #: Fields of a configuration that determine the weights; those of them that follow from a dataset, or change no weight.
 WEIGHTS = ("generator.", "discriminator.", "trunk", "head", "picture.octaves")
 MAY_DIFFER = ("generator.betas", "discriminator.labels", "generator.precision", "generator.turn", "generator.fourier")
+#: What may differ from a snapshot's generator in a run on pictures.
+FINER = ("texels", "channel_base")
 
 
 def transfer_from(config: RunConfig, data: Any, folder: Path) -> Callable[[Any], Any]:
@@ -80,23 +84,32 @@ def transfer_from(config: RunConfig, data: Any, folder: Path) -> Callable[[Any],
 def _to_pictures(config: GanConfig, data: Dataset, path: Path) -> Callable[[TrainState], TrainState]:
     """Generator and decoder of a snapshot, for a run on pictures of the same parameters."""
     bundle = read_bundle(path)
-    maker = _same_generator(config, generator_model(bundle, str(path)), path)
+    maker = _same_generator(config, generator_model(bundle, str(path)), path, FINER)
     own, shown = declared_parameters(data.manifest), bundle.parameters
     if [(p.name, p.role, p.range) for p in own] != [(p.name, p.role, p.range) for p in shown]:
         names = [", ".join(p.name for p in some) or "none" for some in (shown, own)]
         raise InputError(path, f"its parameters are {names[0]}, those of {data.folder} {names[1]}, or of other ranges")
-    fits = jax.eval_shape(lambda: start(config, jax.random.key(0))).learner.decoder
-    shapes = [[x.shape for x in jax.tree.leaves(decoder)] for decoder in (maker.decoder, fits)]
-    if shapes[0] != shapes[1] or maker.octaves != config.picture.octaves:
+    fits = jax.eval_shape(lambda: start(config, jax.random.key(0))).learner
+    if _shapes(maker.generator) != _shapes(fits.generator):
+        raise InputError(
+            path, f"with {config.generator.texels} texels a patch, generator.channel_base must keep its layers as wide"
+        )
+    if _shapes(maker.decoder) != _shapes(fits.decoder) or maker.octaves != config.picture.octaves:
         raise InputError(path, "its decoder is not this run's: trunk, head or picture.octaves differ")
     lent = Learner(maker.generator, maker.decoder)
     return lambda fresh: fresh._replace(learner=lent, smooth=jax.tree.map(jnp.copy, lent), averages=maker.averages)
 
 
-def _same_generator(config: GanConfig | TexturesConfig, maker: GeneratorModel, path: Path) -> GeneratorModel:
-    """The snapshot. Raises InputError if its generator is another one than the configuration's."""
+def _shapes(tree: Any) -> list[tuple[int, ...]]:
+    return [x.shape for x in jax.tree.leaves(tree)]
+
+
+def _same_generator(
+    config: GanConfig | TexturesConfig, maker: GeneratorModel, path: Path, may_differ: tuple[str, ...] = ()
+) -> GeneratorModel:
+    """The snapshot. Raises InputError if its generator differs from the configuration's in other fields than `may_differ`."""
     mine, theirs = asdict(config.generator), asdict(maker.config)
-    differ = [k for k in mine if k not in ("precision", "turn") and mine[k] != theirs[k]]
+    differ = [k for k in mine if k not in ("precision", "turn", *may_differ) and mine[k] != theirs[k]]
     differences = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
     if differences:
         raise InputError(path, f"its generator is not this run's: {differences}")
@@ -142,5 +155,12 @@ def transfer_weights(fresh: TrainState, old: TrainState, appearance: int) -> Tra
         learner=learner(fresh.learner, old.learner),
         smooth=learner(fresh.smooth, old.smooth),
         averages=old.averages._replace(w=fresh.averages.w),
-        discriminator=old.discriminator._replace(embed=fresh.discriminator.embed),
+        discriminator=_labelled(old.discriminator, fresh.discriminator),
     )
+
+
+def _labelled(lent: Any, own: Any) -> Any:
+    """A discriminator with its own embedding of labels."""
+    if isinstance(lent, VisionAided):
+        return VisionAided(*map(_labelled, lent, own))
+    return lent._replace(embed=own.embed)

@@ -240,7 +240,7 @@ SMALL = gan.GanConfig(
 GAN = gan.sized_for(SMALL, appearance=1, geometry=1)
 PLANES = gan.sized_for(replace(SMALL, generator=replace(SMALL.generator, planes=3, config="T")), 1, 1)
 SHORT = gan.sized_for(replace(SMALL, precision="bfloat16", views=2), 1, 1)
-HEADS = gan.sized_for(replace(SMALL, discriminator=replace(SMALL.discriminator, kind="projected")), 1, 1)
+HEADS = gan.sized_for(replace(SMALL, discriminator=replace(SMALL.discriminator, kind="vision-aided")), 1, 1)
 SHOWN = ImageBatch(
     f(4, 8, 8, 4), f(4, 1), f(4, 1), f(4, 4, 4), f(4, 3), f(4, 3), jax.ShapeDtypeStruct((4, 2), jnp.uint32)
 )

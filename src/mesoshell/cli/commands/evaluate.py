@@ -47,7 +47,7 @@ def run(options: Options) -> None:
     rows = read_rows(path, ("name", "images", "kimg"))
     done = {(row["name"], row["images"], row["kimg"]) for row in rows}
     console = stderr()
-    if isinstance(config, GanConfig) and config.discriminator.kind == "projected" and options.inception is None:
+    if isinstance(config, GanConfig) and config.discriminator.kind != "residual" and options.inception is None:
         say_notes(console, [FLATTERED])
     for images, snapshot in chosen:
         if (measure.names[0], measure.count, images / 1000) in done:

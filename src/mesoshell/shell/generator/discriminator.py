@@ -42,7 +42,7 @@ GROUP = 4
 @dataclass(frozen=True)
 class DiscriminatorConfig:
     """size of the pictures; channels at a side s are min(channel_base / s, channel_max); opacity: whether it sees that too;
-    kind: this one, or the heads of projected.py."""
+    kind: this one, the heads of projected.py, or both (vision_aided.py)."""
 
     size: int = 64
     channel_base: int = 4096
@@ -50,7 +50,7 @@ class DiscriminatorConfig:
     labels: int = 7
     embedding: int = 64
     opacity: bool = False
-    kind: Literal["residual", "projected"] = "residual"
+    kind: Literal["residual", "projected", "vision-aided"] = "residual"
 
     def width(self, side: int) -> int:
         """Channels at a side."""

@@ -43,7 +43,7 @@ def adapt(config: GanConfig, dataset: Dataset) -> tuple[GanConfig, Dataset]:
     """The configuration adapted to a dataset, and the dataset with only the parameters that vary. Raises InputError if its
     images have another size, or if the discriminator's groups could hold views of one texture, which renders never do."""
     _check(config)
-    grouped = config.discriminator.kind == "residual"
+    grouped = config.discriminator.kind != "projected"
     if grouped and config.views > max(config.batch // GROUP if config.batch % GROUP == 0 else 1, 1):
         raise InputError(
             "views", f"{config.views} of a texture need a batch of {GROUP * config.views}, not {config.batch}"
@@ -69,7 +69,7 @@ def _check(config: GanConfig) -> None:
         if value != wanted:
             raise InputError(name, f"is {value}, and {other} is {wanted}: they must be the same")
     if seen.kind not in KINDS:
-        raise InputError("discriminator.kind", f"is {seen.kind!r}; there are {' and '.join(KINDS)}")
+        raise InputError("discriminator.kind", f"is {seen.kind!r}; there are {', '.join(KINDS)}")
     if config.r1_every < 1:
         raise InputError("r1_every", f"must be at least 1, not {config.r1_every}")
 

@@ -2,7 +2,7 @@
 
 Notation
 y       pictures as `step.seen` shows them                                        (B, S, S, 3 or 4)
-f       what is judged of them: y, or maps of a network that saw photographs      a tree of (B, h, w, C)
+f       what is judged of them: y, maps of a network that saw photographs, or both     a tree of (B, h, w, C)
 c       labels                                                                    (B, L)
 """
 
@@ -10,8 +10,12 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from mesoshell.shell.generator import discriminator as residual
-from mesoshell.shell.generator import projected
-from mesoshell.shell.generator.discriminator import DiscriminatorConfig
+from mesoshell.shell.generator import projected, vision_aided
+from mesoshell.shell.generator.discriminator import Discriminator, DiscriminatorConfig
+from mesoshell.shell.generator.projected import Projected
+from mesoshell.shell.generator.vision_aided import VisionAided
+
+AnyDiscriminator = Discriminator | Projected | VisionAided
 
 
 class Kind(NamedTuple):
@@ -26,6 +30,7 @@ class Kind(NamedTuple):
 KINDS = {
     "residual": Kind(residual.init_discriminator, lambda y: y, residual.discriminate),
     "projected": Kind(projected.init_projected, projected.project, projected.judge),
+    "vision-aided": Kind(vision_aided.init_vision_aided, vision_aided.perceive, vision_aided.judge),
 }
 
 

@@ -13,12 +13,11 @@ import jax.numpy as jnp
 import optax
 
 from mesoshell.nets.mlp import Dense
-from mesoshell.shell.generator.discriminator import Discriminator, DiscriminatorConfig
+from mesoshell.shell.generator.discriminator import DiscriminatorConfig
 from mesoshell.shell.generator.generator import Averages, Generator, init_averages, init_generator
 from mesoshell.shell.generator.plan import GeneratorConfig
-from mesoshell.shell.generator.projected import Projected
 from mesoshell.shell.material.decoder import Decoder, init_decoder
-from mesoshell.train.gan.discriminators import kind_of
+from mesoshell.train.gan.discriminators import AnyDiscriminator, kind_of
 from mesoshell.train.patch_renderer import PictureConfig
 from mesoshell.typing import Array, Int, Key
 
@@ -75,7 +74,7 @@ class TrainState(NamedTuple):
     learner: Learner
     smooth: Learner
     averages: Averages
-    discriminator: Discriminator | Projected
+    discriminator: AnyDiscriminator
     learner_adam: optax.OptState
     discriminator_adam: optax.OptState
     step: Int[Array, ""]

@@ -1,0 +1,33 @@
+"""The vision-aided discriminator is the residual one and the heads, half and half."""
+
+from functools import partial
+
+import jax
+import numpy as np
+
+from mesoshell.shell.generator import projected
+from mesoshell.shell.generator.discriminator import DiscriminatorConfig, discriminate
+from mesoshell.shell.generator.vision_aided import init_vision_aided, judge, perceive
+from mesoshell.train.losses import generator_loss, r1
+
+CONFIG = DiscriminatorConfig(
+    8, channel_base=32, channel_max=4, labels=3, embedding=4, opacity=True, kind="vision-aided"
+)
+BOTH = init_vision_aided(CONFIG, jax.random.key(0))
+Y = jax.random.uniform(jax.random.key(1), (4, 8, 8, 4), minval=-1.0)
+C = jax.random.normal(jax.random.key(2), (4, 3))
+
+
+def test_each_weighs_a_half_in_losses_and_its_gamma_in_r1() -> None:
+    f = jax.jit(perceive)(Y)
+    heads = jax.jit(partial(projected.judge, BOTH.projected))(f[1], C)
+    pixels = jax.jit(partial(discriminate, BOTH.residual))(Y, C)
+    both = jax.jit(partial(judge, BOTH))(f, C)
+    np.testing.assert_allclose(both, np.concatenate([np.repeat(pixels[:, None], 4, 1), heads], 1), atol=1e-5)
+    half = (generator_loss(pixels) + generator_loss(heads)) / 2
+    np.testing.assert_allclose(generator_loss(both), half, rtol=1e-6)
+    found = jax.jit(lambda f: r1(lambda f: judge(BOTH, f, C), f, 5.0))(f)
+    one = jax.jit(lambda y: r1(lambda y: discriminate(BOTH.residual, y, C), y, 0.18 * 5))(Y)
+    four = jax.jit(lambda f: r1(lambda f: projected.judge(BOTH.projected, f, C), f, 1.6 * 5))(f[1])
+    np.testing.assert_allclose(found, (one + four) / 2, rtol=0.02)
+    assert one > 0.01 * four and four > 0.01 * one

@@ -115,6 +115,7 @@ def shrunk(config: Any) -> RunConfig:
 VARIANTS = {
     "carpet",
     "pictures",
+    "pictures_fine",
     "smooth",
     "mismatch",
     "frozen_phases",

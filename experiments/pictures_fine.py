@@ -1,5 +1,5 @@
 """Pictures after textures with twice the texels a patch. A generator of half as many lends its layers' weights (`--transfer
-materials/grass_projected.npz`): at first blades are half as wide as its own, and the pictures teach the rest.
+lawn.npz`): at first blades are half as wide as its own, and the pictures teach the rest.
 """
 
 from dataclasses import replace

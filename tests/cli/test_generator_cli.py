@@ -116,11 +116,11 @@ def test_scores_are_kept_and_not_made_twice(run, tmp_path, capsys, monkeypatch) 
     (other,) = run.glob("evaluation_moved_*.jsonl")
     assert capsys.readouterr().out.endswith(f"{other}\n") and len(other.read_text().splitlines()) == 2
     assert (run / "evaluation.jsonl").read_bytes() == own
-    record = shutil.copytree(run, tmp_path / "heads") / "config.json"
-    record.write_text(record.read_text().replace('"kind": "residual"', '"kind": "projected"'))
-    for folder, flattered in (run, False), (record.parent, True):
-        main(["evaluate", str(folder), "--images", "8", "--snapshots", "1"])
-        assert ("judged by EfficientNet-Lite0" in capsys.readouterr().err) == flattered
+    for kind in ("residual", "projected", "vision-aided"):
+        record = shutil.copytree(run, tmp_path / kind) / "config.json"
+        record.write_text(record.read_text().replace('"kind": "residual"', f'"kind": "{kind}"'))
+        main(["evaluate", str(record.parent), "--images", "8", "--snapshots", "1"])
+        assert ("judged by EfficientNet-Lite0" in capsys.readouterr().err) == (kind != "residual")
 
 
 @pytest.mark.slow

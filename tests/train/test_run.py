@@ -201,8 +201,13 @@ def test_a_run_on_pictures_begins_with_a_snapshot(data, whole, tmp_path, monkeyp
     for own, given in zip(leaves(lent.learner), leaves(transfer_from(finer, shown, path)(fresh).learner), strict=True):
         np.testing.assert_array_equal(own, given)
     narrower = replace(finer, generator=replace(finer.generator, channel_base=made.channel_base // 2))
-    with pytest.raises(InputError, match=f"with {texels} texels a patch, generator.channel_base must keep"):
+    with pytest.raises(
+        InputError, match=f"are not as wide as this run's: texels is {made.texels}, asked for {texels}, channel_base"
+    ):
         transfer_from(narrower, shown, path)
+    coarser = replace(config, generator=replace(made, texels=made.texels // 2))
+    with pytest.raises(InputError, match=f"its generator is not this run's: texels is {made.texels}, asked for"):
+        transfer_from(coarser, shown, path)
     wider = replace(config, generator=replace(config.generator, w=16))
     with pytest.raises(InputError, match="its generator is not this run's: w is 4, asked for 16"):
         transfer_from(wider, shown, path)
@@ -372,6 +377,9 @@ def test_views_that_would_share_a_group_are_refused(data) -> None:
         adapt(replace(CONFIG, views=2), data)
     with pytest.raises(InputError, match="views: 2 of a texture need a batch of 8, not 6"):
         adapt(replace(CONFIG, batch=6, views=2), data)
+    both = replace(CONFIG.discriminator, kind="vision-aided")
+    with pytest.raises(InputError, match="views: 2 of a texture need a batch of 8, not 4"):
+        adapt(replace(CONFIG, views=2, discriminator=both), data)
     heads = replace(CONFIG.discriminator, kind="projected")  # a row's logits know no other row
     assert adapt(replace(CONFIG, views=2, discriminator=heads), data)[0].discriminator.kind == "projected"
 

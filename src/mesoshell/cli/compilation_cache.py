@@ -6,15 +6,14 @@ import jax
 
 from mesoshell.io.cache import cache_folder, forget
 
-#: Before a command's own are added.
+#: When a command begins, before its own are added.
 MAX_BYTES = 1 << 30
 
 
 def keep_compiled() -> list[float]:
     """Keep compiled programs between runs; returns a list that collects the seconds spent compiling."""
     room = cache_folder("xla")
-    if room.is_dir():
-        forget(room, MAX_BYTES)  # JAX marks no use: what was compiled first
+    forget(room, MAX_BYTES)  # JAX marks no use: what was compiled first
     jax.config.update("jax_compilation_cache_dir", str(room))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     # JAX writes entries in place: one that another command is writing, or left half-written when it was killed, cannot be read,

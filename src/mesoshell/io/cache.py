@@ -43,8 +43,10 @@ def held(path: Path) -> int:
 def forget(room: Path, most: int, but: Path | None = None) -> None:
     """Remove what was not used for longest from a room, but not the entry `but`, nor what others are writing, until all are
     within `most` bytes."""
-    found = []
-    for entry in room.iterdir():
+    found, entries = [], []
+    with contextlib.suppress(OSError):  # it may not be there, or not be ours to read
+        entries = list(room.iterdir())
+    for entry in entries:
         with contextlib.suppress(OSError):  # another process may remove or rename it
             age = time.time() - entry.stat().st_mtime
             if not entry.name.startswith(".") or age > _LEFT_BEHIND:

@@ -38,12 +38,12 @@ def fake_loss(fake: Float[Array, "B ..."]) -> Scalar:
     return jnp.mean(softplus(fake))
 
 
-def r1(logits: Callable[[Any], Array], real: Any, gamma: float) -> Scalar:
-    """γ/2 · mean of |∇D(y)|² over renders. y: (B, S, S, I), or a tree of such, each judged by a head of its own: then the mean
-    over heads too."""
-    gradient = jax.grad(lambda y: jnp.sum(logits(y)))(real)
-    squares = [jnp.mean(jnp.sum(g**2, axis=(1, 2, 3))) for g in jax.tree.leaves(gradient)]
-    return gamma / 2 * jnp.mean(jnp.stack(squares))
+def r1(logits: Callable[[Any], Array], real: Any, gamma: float | tuple[float, ...]) -> Scalar:
+    """γ/2 · mean of |∇ΣD(y)|² over renders, ΣD a row's logits. y: (B, S, S, I), or a tree of such with a γ each, in the order
+    of its leaves: then the sum over them."""
+    gradient = jax.tree.leaves(jax.grad(lambda y: jnp.sum(logits(y)))(real))
+    gammas = gamma if isinstance(gamma, tuple) else (gamma,)
+    return sum(k / 2 * jnp.mean(jnp.sum(g**2, axis=(1, 2, 3))) for k, g in zip(gammas, gradient, strict=True))
 
 
 def smape(a: Float[Array, "B S S 3"], b: Float[Array, "B S S 3"]) -> Scalar:

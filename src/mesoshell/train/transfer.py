@@ -9,12 +9,12 @@ anew        the optimisers, and the counts of steps and images: these start from
 A run on textures has no such parameters. It begins with averaged weights: another run's, or a snapshot's, whose last layer has
 a and b folded into it, and is unfolded again. A run on pictures may begin with a snapshot too, of either kind of run, with the
 same parameters: generator and decoder are lent, and the discriminator begins anew. Such a run may have more texels a patch, if
-channel_base keeps the layers as wide: each layer keeps its weights for higher frequencies, and what it makes is finer.
+its layers are as wide: each keeps its weights for higher frequencies, and what it makes is finer.
 
 Both networks are lent, as by Wang et al., "Transferring GANs: generating images from limited data" (2018).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -42,7 +42,7 @@ from mesoshell.train.textures.state import TexturesConfig, TexturesState
 #: Fields of a configuration that determine the weights; those of them that follow from a dataset, or change no weight.
 WEIGHTS = ("generator.", "discriminator.", "trunk", "head", "picture.octaves")
 MAY_DIFFER = ("generator.betas", "discriminator.labels", "generator.precision", "generator.turn", "generator.fourier")
-#: What may differ from a snapshot's generator in a run on pictures.
+#: What may differ from a snapshot's generator in a run on pictures with more texels a patch.
 FINER = ("texels", "channel_base")
 
 
@@ -67,8 +67,7 @@ def transfer_from(config: RunConfig, data: Any, folder: Path) -> Callable[[Any],
         may_differ = tuple(k for k in may_differ if k != "generator.fourier")
     differ = [k for k in mine if k.startswith(WEIGHTS) and k not in may_differ and mine[k] != theirs[k]]
     if differ:
-        differences = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
-        raise InputError(folder, f"its networks are not this run's: {differences}")
+        raise InputError(folder, f"its networks are not this run's: {_differences(mine, theirs, differ)}")
     with Checkpoints(folder / "checkpoints", reading=True) as checkpoints:
         latest = checkpoints.newest(jax.eval_shape(lambda: _started(other, data)))
     if latest is None:
@@ -84,16 +83,17 @@ def transfer_from(config: RunConfig, data: Any, folder: Path) -> Callable[[Any],
 def _to_pictures(config: GanConfig, data: Dataset, path: Path) -> Callable[[TrainState], TrainState]:
     """Generator and decoder of a snapshot, for a run on pictures of the same parameters."""
     bundle = read_bundle(path)
-    maker = _same_generator(config, generator_model(bundle, str(path)), path, FINER)
+    maker = generator_model(bundle, str(path))
+    finer = config.generator.texels > maker.config.texels
+    _same_generator(config, maker, path, FINER if finer else ())
     own, shown = declared_parameters(data.manifest), bundle.parameters
     if [(p.name, p.role, p.range) for p in own] != [(p.name, p.role, p.range) for p in shown]:
         names = [", ".join(p.name for p in some) or "none" for some in (shown, own)]
         raise InputError(path, f"its parameters are {names[0]}, those of {data.folder} {names[1]}, or of other ranges")
     fits = jax.eval_shape(lambda: start(config, jax.random.key(0))).learner
     if _shapes(maker.generator) != _shapes(fits.generator):
-        raise InputError(
-            path, f"with {config.generator.texels} texels a patch, generator.channel_base must keep its layers as wide"
-        )
+        differences = _differences(asdict(config.generator), asdict(maker.config), FINER)
+        raise InputError(path, f"its generator's layers are not as wide as this run's: {differences}")
     if _shapes(maker.decoder) != _shapes(fits.decoder) or maker.octaves != config.picture.octaves:
         raise InputError(path, "its decoder is not this run's: trunk, head or picture.octaves differ")
     lent = Learner(maker.generator, maker.decoder)
@@ -106,14 +106,16 @@ def _shapes(tree: Any) -> list[tuple[int, ...]]:
 
 def _same_generator(
     config: GanConfig | TexturesConfig, maker: GeneratorModel, path: Path, may_differ: tuple[str, ...] = ()
-) -> GeneratorModel:
-    """The snapshot. Raises InputError if its generator differs from the configuration's in other fields than `may_differ`."""
+) -> None:
+    """Raise InputError if a snapshot's generator differs from the configuration's in other fields than `may_differ`."""
     mine, theirs = asdict(config.generator), asdict(maker.config)
-    differ = [k for k in mine if k not in ("precision", "turn", *may_differ) and mine[k] != theirs[k]]
-    differences = ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in differ)
+    differences = _differences(mine, theirs, [k for k in mine if k not in ("precision", "turn", *may_differ)])
     if differences:
         raise InputError(path, f"its generator is not this run's: {differences}")
-    return maker
+
+
+def _differences(mine: dict[str, Any], theirs: dict[str, Any], names: Iterable[str]) -> str:
+    return ", ".join(f"{k} is {theirs[k]}, asked for {mine[k]}" for k in names if mine[k] != theirs[k])
 
 
 def _check_scaled(data: ScaledExemplars, decoder: Decoder, path: Path) -> None:
@@ -125,7 +127,8 @@ def _check_scaled(data: ScaledExemplars, decoder: Decoder, path: Path) -> None:
 
 def _of_snapshot(config: TexturesConfig, data: ScaledExemplars, path: Path) -> Callable[[TexturesState], TexturesState]:
     """The weights of a snapshot. The exemplars scale its decoder, so comparing decoders tells whether they are the same."""
-    maker = _same_generator(config, generator_model(read_bundle(path), str(path)), path)
+    maker = generator_model(read_bundle(path), str(path))
+    _same_generator(config, maker, path)
     _check_scaled(data, maker.decoder, path)
 
     def lent(fresh: TexturesState) -> TexturesState:

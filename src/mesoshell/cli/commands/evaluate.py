@@ -16,6 +16,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.atomic import probe_folder, replace_file
 from mesoshell.io.records import read_rows
 from mesoshell.measure.evaluation import FILE, evaluation
+from mesoshell.train.gan.discriminators import kind_of
 from mesoshell.train.gan.state import GanConfig
 from mesoshell.train.method import method_of
 from mesoshell.train.nerf_tex.network import NerfTexConfig
@@ -47,7 +48,7 @@ def run(options: Options) -> None:
     rows = read_rows(path, ("name", "images", "kimg"))
     done = {(row["name"], row["images"], row["kimg"]) for row in rows}
     console = stderr()
-    if isinstance(config, GanConfig) and config.discriminator.kind != "residual" and options.inception is None:
+    if isinstance(config, GanConfig) and kind_of(config.discriminator).lite0 and options.inception is None:
         say_notes(console, [FLATTERED])
     for images, snapshot in chosen:
         if (measure.names[0], measure.count, images / 1000) in done:

@@ -3,8 +3,9 @@ training", 2022).
 
 Notation
 y, c     as in discriminator.py                                                   (B, S, S, 3 or 4), (B, L)
-f        y in units of 1/UNITS, and the heads' maps
+f        y, and the heads' maps
 D        the residual discriminator's logit, once for each head, and the heads'   (B, 8)
+γ, γ′    weights of R1: of the heads, and of the residual discriminator over γ
 
 The residual discriminator sees pixels, and so what is finer than a photograph's features, and brightness; heads see features
 from the first step on. Losses are means over D, so each side weighs a half. The paper sums losses, and has a network of its own
@@ -28,10 +29,6 @@ from mesoshell.shell.generator.projected import Projected, init_projected, proje
 from mesoshell.shell.generator.projected import judge as judge_maps
 from mesoshell.typing import Array, Float, Key
 
-#: R1 at f, of γ, weighs as 0.044 γ would for the residual discriminator alone, and as 1.6 γ for heads alone. With 0.18 γ, of
-#: 5, it hardly told pictures from renders within 2200 images, and held neither light nor fine detail.
-UNITS = 12.0
-
 
 class VisionAided(NamedTuple):
     """Learned parameters."""
@@ -48,7 +45,7 @@ def init_vision_aided(config: DiscriminatorConfig, key: Key[Array, ""]) -> Visio
 
 def perceive(y: Float[Array, "B S S I"]) -> tuple[Array, list[Array]]:
     """f."""
-    return UNITS * y, project(y)
+    return y, project(y)
 
 
 def judge(
@@ -60,6 +57,12 @@ def judge(
 ) -> Float[Array, "B 8"]:
     """D. everyone, dtype: as in discriminator.py."""
     y, maps = f
-    pixels = discriminate(both.residual, y / UNITS, c, everyone, dtype)
+    pixels = discriminate(both.residual, y, c, everyone, dtype)
     heads = judge_maps(both.projected, maps, c, everyone, dtype)
     return jnp.concatenate([jnp.repeat(pixels[:, None], heads.shape[1], axis=1), heads], axis=1)
+
+
+def penalties(pixel_gamma: float) -> tuple[float, ...]:
+    """Of R1 at each of f, over γ, so that R1 too is the mean over D: a half of γ′ |∇D|² for y, which 4 equal logits see, and an
+    eighth for each head's map."""
+    return (pixel_gamma / 2 / 4**2, *(1 / 8,) * 4)

@@ -17,7 +17,7 @@ from jaxtyping import Int
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset
 from mesoshell.shell.generator.discriminator import GROUP
-from mesoshell.train.gan.discriminators import KINDS
+from mesoshell.train.gan.discriminators import KINDS, kind_of
 from mesoshell.train.gan.generate import ImageBatch
 from mesoshell.train.gan.state import GanConfig, sized_for
 from mesoshell.train.loader import Feed, open_shards, take
@@ -43,8 +43,9 @@ def adapt(config: GanConfig, dataset: Dataset) -> tuple[GanConfig, Dataset]:
     """The configuration adapted to a dataset, and the dataset with only the parameters that vary. Raises InputError if its
     images have another size, or if the discriminator's groups could hold views of one texture, which renders never do."""
     _check(config)
-    grouped = config.discriminator.kind != "projected"
-    if grouped and config.views > max(config.batch // GROUP if config.batch % GROUP == 0 else 1, 1):
+    if kind_of(config.discriminator).grouped and config.views > max(
+        config.batch // GROUP if config.batch % GROUP == 0 else 1, 1
+    ):
         raise InputError(
             "views", f"{config.views} of a texture need a batch of {GROUP * config.views}, not {config.batch}"
         )

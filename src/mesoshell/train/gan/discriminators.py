@@ -20,17 +20,25 @@ AnyDiscriminator = Discriminator | Projected | VisionAided
 
 class Kind(NamedTuple):
     """start: (config, key) → weights; perceive: y → f; judge: (weights, f, c, everyone, dtype) → logits (B,) or (B, heads),
-    greater for renders."""
+    greater for renders; penalties: config.pixel_gamma → R1's weight, over γ, at each of f; grouped: whether a row's logit
+    depends on other rows; lite0: whether it knows EfficientNet-Lite0."""
 
     start: Callable[..., Any]
     perceive: Callable[[Any], Any]
     judge: Callable[..., Any]
+    penalties: Callable[[float], tuple[float, ...]]
+    grouped: bool
+    lite0: bool
 
 
 KINDS = {
-    "residual": Kind(residual.init_discriminator, lambda y: y, residual.discriminate),
-    "projected": Kind(projected.init_projected, projected.project, projected.judge),
-    "vision-aided": Kind(vision_aided.init_vision_aided, vision_aided.perceive, vision_aided.judge),
+    "residual": Kind(residual.init_discriminator, lambda y: y, residual.discriminate, lambda _: (1.0,), True, False),
+    "projected": Kind(
+        projected.init_projected, projected.project, projected.judge, lambda _: (1 / 4,) * 4, False, True
+    ),
+    "vision-aided": Kind(
+        vision_aided.init_vision_aided, vision_aided.perceive, vision_aided.judge, vision_aided.penalties, True, True
+    ),
 }
 
 

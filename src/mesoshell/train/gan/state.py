@@ -31,11 +31,12 @@ POSE = 7
 class GanConfig:
     """Everything that a run depends on beside the data.
 
-    gamma: weight of R1, each r1_every steps; kimg: length of the run; near_kimg: when the nearest cameras are reached, from the
-    farthest at first; views: pictures of each texture; blur: deviation in pixels, at first, of the blur before the
-    discriminator, 0 from blur_kimg on; density: weight of the density's roughness; mismatch: weight of renders with other
-    renders' parameters, which the discriminator must also reject; precision: of convolutions but the discriminator's last,
-    except in R1, which is always float32; snapshot_kimg: how often a run keeps a material and a sheet.
+    gamma: weight of R1, each r1_every steps; pixel_gamma: the residual discriminator's over it, where heads judge beside it;
+    kimg: length of the run; near_kimg: when the nearest cameras are reached, from the farthest at first; views: pictures of
+    each texture; blur: deviation in pixels, at first, of the blur before the discriminator, 0 from blur_kimg on; density:
+    weight of the density's roughness; mismatch: weight of renders with other renders' parameters, which the discriminator
+    must also reject; precision: of convolutions but the discriminator's last, except in R1, which is always float32;
+    snapshot_kimg: how often a run keeps a material and a sheet.
     """
 
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)
@@ -50,6 +51,7 @@ class GanConfig:
     generator_rate: float = 2.5e-3
     discriminator_rate: float = 2e-3
     gamma: float = 0.5
+    pixel_gamma: float = 0.03
     r1_every: int = 16
     views: int = 1
     blur: float = 0.0

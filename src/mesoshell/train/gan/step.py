@@ -140,10 +140,12 @@ def _regularised(
     finite."""
     f, c = labelled
     dtype = jax.tree.leaves(f)[0].dtype
+    kind = kind_of(config.discriminator)
+    gammas = tuple(config.gamma * k for k in kind.penalties(config.pixel_gamma))
 
     def penalty(judge: Any) -> Scalar:
-        logits = partial(kind_of(config.discriminator).judge, judge, c=c, everyone=across.everyone, dtype=dtype)
-        return config.r1_every * r1(logits, f, config.gamma)
+        logits = partial(kind.judge, judge, c=c, everyone=across.everyone, dtype=dtype)
+        return config.r1_every * r1(logits, f, gammas)
 
     def penalised(judge: Any, adam: Any) -> tuple[Any, Any, Scalar, Array]:
         value, gradient = jax.value_and_grad(penalty)(judge)

@@ -99,6 +99,18 @@ def test_what_another_process_removes_meanwhile_is_passed_over(tmp_path: Path, m
     assert [p.name for p in tmp_path.iterdir()] == ["c"]
 
 
+def test_a_room_that_cannot_be_read_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    forget(tmp_path / "nothing", 0)
+    (tmp_path / "a").write_bytes(bytes(10))
+
+    def refuse(path: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    forget(tmp_path, 0)
+    assert (tmp_path / "a").exists()
+
+
 def test_what_another_process_is_writing_stays(tmp_path: Path):
     for name in (".a", ".b", "c", "d"):
         (tmp_path / name).write_bytes(bytes(10))

@@ -18,6 +18,7 @@ import pytest
 from mesoshell.errors import InputError
 from mesoshell.io.dataset import Dataset, read_dataset
 from mesoshell.io.image import read_png
+from mesoshell.io.lock import alone_in
 from mesoshell.io.pack import pack_dataset
 from mesoshell.train import run, transfer
 from mesoshell.train.checkpoint import Checkpoints
@@ -274,6 +275,12 @@ def test_another_configuration_is_refused_before_anything_compiles(data, whole, 
     assert str(caught.value).endswith(
         "the run was begun with another configuration: config.gamma is 0.5, asked for 7.0, config.trunk is [4], asked for [9]"
     )
+
+
+def test_a_folder_has_one_run_at_a_time(data, tmp_path) -> None:
+    with alone_in(tmp_path / "run"), pytest.raises(InputError, match="run: another run is writing into it"):
+        train(CONFIG, data, tmp_path / "run")
+    assert not list((tmp_path / "run").iterdir())
 
 
 def test_a_record_older_than_a_field_has_its_default(data, whole, tmp_path) -> None:

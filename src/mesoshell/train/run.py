@@ -12,10 +12,11 @@ for bit on a CPU, as one that was never stopped: batches and keys depend on the 
 first keeps the folder; with each step they agree whether to save and to stop.
 """
 
+import contextlib
 import json
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ import numpy as np
 from mesoshell.errors import InputError
 from mesoshell.interrupt import StopRequest
 from mesoshell.io.image import write_png
+from mesoshell.io.lock import alone_in
 from mesoshell.train.checkpoint import Checkpoints
 from mesoshell.train.hosts import broadcast_first, is_first, noticing, wait_for_all
 from mesoshell.train.method import Data, Method, method_of
@@ -60,57 +62,65 @@ def train(
     transfer: folder of another run, or a snapshot, whose weights a new run begins with. again: whether to raise the signal that
     stopped the run again after all is saved, for the calling program.
 
-    Raises InputError if the folder holds a run of another configuration, or cannot be written, or the other run's weights do
-    not fit; Diverged if something is not finite; HostLost if another host is lost.
+    Raises InputError if the folder holds a run of another configuration, or one that is under way, or cannot be written, or the
+    other run's weights do not fit; Diverged if something is not finite; HostLost if another host is lost.
     """
     method = method_of(config)
     config, data = method.adapt(config, dataset)
     transfer = transfer or _lent(folder)
     transfer_weights = transfer_from(config, data, transfer) if transfer and is_first() else None
-    keep_record(config, dataset, folder, transfer)
-    batch_of = method.feed(config, data, jax.process_index(), jax.process_count())
-    spread = spread_step(
-        lambda state, batch, across: method.step(config, state, batch, across),
-        config.batch,
-        how,
-        method.together(config),
-    )
-    steps = steps_of(config)
-    with (
-        noticing(),
-        Checkpoints(folder / "checkpoints") as checkpoints,
-        StopRequest(again) as stop,
-        _Book(folder, method, config, data, show) as book,
-    ):
-        done, begin = _begun(checkpoints, method.start(config, data, jax.random.key(config.seed)), transfer_weights)
-        book.begin(done)
-        names, state = leaf_names(method.parts(begin)), spread.place(begin)
-        saved = time.perf_counter()
-        batch = spread.share(batch_of(done)) if done < steps else None
-        for i in range(done, steps):
-            state, report, requests = spread.step(state, batch, (stop.requested, _due(saved)))
-            if i + 1 < steps:
-                batch = spread.share(batch_of(i + 1))  # while the device is at work
-            book.hear(report)
-            if not book.finite:
-                raise Diverged(_divergence(i, report, names, checkpoints))
-            stopping, due = _decided(requests, stop, saved)
-            last = i + 1 == steps or stopping
-            if (i + 1) % LOG_EVERY == 0 or last:
-                book.row(i + 1)
-            if due or last:
-                checkpoints.save(i + 1, _kept(spread, state))
-                saved = time.perf_counter()
-            if last or (i + 1) % max(1, round(config.snapshot_kimg * 1000 / config.batch)) == 0:
-                book.snapshot(_kept(spread, state))
-            if last:
-                break
-        if done == steps:
-            book.complete(_kept(spread, state))
-        checkpoints.finish()
-        book.end()
-        wait_for_all()
-        return spread.whole(state)
+    with _recorded(config, dataset, folder, transfer):
+        batch_of = method.feed(config, data, jax.process_index(), jax.process_count())
+        spread = spread_step(
+            lambda state, batch, across: method.step(config, state, batch, across),
+            config.batch,
+            how,
+            method.together(config),
+        )
+        steps = steps_of(config)
+        with (
+            noticing(),
+            Checkpoints(folder / "checkpoints") as checkpoints,
+            StopRequest(again) as stop,
+            _Book(folder, method, config, data, show) as book,
+        ):
+            done, begin = _begun(checkpoints, method.start(config, data, jax.random.key(config.seed)), transfer_weights)
+            book.begin(done)
+            names, state = leaf_names(method.parts(begin)), spread.place(begin)
+            saved = time.perf_counter()
+            batch = spread.share(batch_of(done)) if done < steps else None
+            for i in range(done, steps):
+                state, report, requests = spread.step(state, batch, (stop.requested, _due(saved)))
+                if i + 1 < steps:
+                    batch = spread.share(batch_of(i + 1))  # while the device is at work
+                book.hear(report)
+                if not book.finite:
+                    raise Diverged(_divergence(i, report, names, checkpoints))
+                stopping, due = _decided(requests, stop, saved)
+                last = i + 1 == steps or stopping
+                if (i + 1) % LOG_EVERY == 0 or last:
+                    book.row(i + 1)
+                if due or last:
+                    checkpoints.save(i + 1, _kept(spread, state))
+                    saved = time.perf_counter()
+                if last or (i + 1) % max(1, round(config.snapshot_kimg * 1000 / config.batch)) == 0:
+                    book.snapshot(_kept(spread, state))
+                if last:
+                    break
+            if done == steps:
+                book.complete(_kept(spread, state))
+            checkpoints.finish()
+            book.end()
+            wait_for_all()
+            return spread.whole(state)
+
+
+@contextlib.contextmanager
+def _recorded(config: RunConfig, dataset: Data, folder: Path, transfer: Path | None) -> Iterator[None]:
+    """The folder held for this run alone, with its record."""
+    with alone_in(folder.resolve()) if is_first() else contextlib.nullcontext():
+        keep_record(config, dataset, folder, transfer)
+        yield
 
 
 def _lent(folder: Path) -> Path | None:

@@ -34,6 +34,7 @@ settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
+jax.config.update("jax_traceback_in_locations_limit", 0)
 jax.config.update("jax_disable_most_optimizations", True)
 os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # in processes of their own too
 if jax.__version_info__ < (
@@ -50,7 +51,7 @@ def _compiled_once(tmp_path_factory):
     base = tmp_path_factory.getbasetemp()
     shared = base.parent if base.name.startswith("popen-") else base
     jax.config.update("jax_compilation_cache_dir", str(shared / "xla"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -69,7 +70,9 @@ def _forgotten_after():
     yield
     if next(_FILES) % 8 == 0:
         jax.clear_caches()
+        gc.unfreeze()
     gc.collect()  # what a file left open is told of there, and not in another file
+    gc.freeze()
 
 
 def _optimise(on: bool) -> None:

@@ -43,7 +43,8 @@ def r1(logits: Callable[[Any], Array], real: Any, gamma: float | tuple[float, ..
     of its leaves: then the sum over them."""
     gradient = jax.tree.leaves(jax.grad(lambda y: jnp.sum(logits(y)))(real))
     gammas = gamma if isinstance(gamma, tuple) else (gamma,)
-    return sum(k / 2 * jnp.mean(jnp.sum(g**2, axis=(1, 2, 3))) for k, g in zip(gammas, gradient, strict=True))
+    squares = [k / 2 * jnp.mean(jnp.sum(g**2, axis=(1, 2, 3))) for k, g in zip(gammas, gradient, strict=True)]
+    return jnp.sum(jnp.stack(squares))
 
 
 def smape(a: Float[Array, "B S S 3"], b: Float[Array, "B S S 3"]) -> Scalar:

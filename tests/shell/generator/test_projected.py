@@ -64,7 +64,9 @@ def test_r1_at_the_maps_against_finite_differences() -> None:
             head = heads.heads[1]._replace(first=heads.heads[1].first._replace(weight=weight))
             return heads._replace(heads=[heads.heads[0], head, *heads.heads[2:]])
 
-        penalty = jax.jit(lambda weight: r1(lambda f: judge(with_weight(weight), f, c, dtype=jnp.float64), f, 1.0))
+        penalty = jax.jit(
+            lambda weight: r1(lambda f: judge(with_weight(weight), f, c, dtype=jnp.float64), f, (1.0,) * 4)
+        )
         weight = heads.heads[1].first.weight
         way = np.random.default_rng(0).normal(size=weight.shape)
         slope = (penalty(weight + 1e-6 * way) - penalty(weight - 1e-6 * way)) / 2e-6

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mesoshell.io import kept_textures
+from mesoshell.io import cache, kept_textures
 from mesoshell.io.bundle import Bundle
 from mesoshell.io.cache import cache_folder, forget, held
 from mesoshell.io.kept_textures import Allocate, kept, key_of
@@ -58,7 +58,7 @@ def test_small_and_vast_ones_and_a_full_disk_are_not_kept(maker, monkeypatch: py
     monkeypatch.setattr(kept_textures, "MIN_BYTES", 10)
     for size in (9, kept_textures.MAX_BYTES // 2 + 1):
         kept("a", size, make)
-    monkeypatch.setattr(kept_textures.shutil, "disk_usage", lambda path: _Full)
+    monkeypatch.setattr(cache.shutil, "disk_usage", lambda path: _Full)
     kept("a", 1000, make)
     assert times == [False, False, False] and not cache_folder("grown").exists()
 

@@ -1,5 +1,6 @@
 """Geometry that varies over a texture is read by the path tracer as by the JAX engine; without it nothing of it is compiled."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,15 @@ import pytest
 from mesoshell.cli.main import main
 from mesoshell.errors import InputError
 from mesoshell.geometry.mesh import load_mesh
+from mesoshell.io import cache
 from mesoshell.io.bundle import Bundle, write_bundle
+from mesoshell.io.cache import cache_folder
 from mesoshell.io.image import read_png, write_png
 from mesoshell.pathtracer import load_file, maps, texture_cache
 from mesoshell.pathtracer.heights import Heights
 from mesoshell.pathtracer.material import Material
 from mesoshell.pathtracer.samples import Sample
+from mesoshell.pathtracer.texture_cache import TextureKey, with_texture
 from mesoshell.shell.generator.texture_synthesis import TextureRequest, bake_bundle, field_of, grow
 from mesoshell.shell.geometry.extrude import extrude, patches_per_uv
 from mesoshell.shell.material.field import Point, neural_field
@@ -173,6 +177,23 @@ def test_a_texture_of_a_scene_varies_geometry_as_an_image_of_the_command_line_do
     for ours, theirs in ((material.heights.levels, expected.heights.levels), (material.plane, expected.plane)):
         np.testing.assert_allclose(np.array(ours.rows), np.array(theirs.rows), rtol=2e-3, atol=2e-3)
     assert np.isfinite(np.array(mi.render(made, spp=4))).all()
+
+
+def test_a_texture_that_the_caches_disk_cannot_hold_is_made_elsewhere(folder, monkeypatch) -> None:
+    class Full:
+        free = 1000
+
+    def run(path: Path, options: list[str]) -> None:
+        written.append(Path(options[-1]))
+        shutil.copy(path, written[-1])
+
+    written: list[Path] = []
+    room, uv, wanted = cache_folder("textures"), np.zeros((1, 3, 2)), TextureKey(0, {}, growing.TEXELS)
+    monkeypatch.setattr(texture_cache, "_run", run)
+    monkeypatch.setattr(cache.shutil, "disk_usage", lambda path: Full)
+    made, _, _ = with_texture(folder / "it.npz", growing.bundle(), uv, wanted)
+    assert made.arrays.keys() == growing.bundle().arrays.keys()
+    assert room not in written[0].parents and not written[0].exists()
 
 
 SQUARE, BEYOND = np.array([[0.0, 0], [1, 0], [1, 1]]), np.array([[0.0, 0], [2, 0], [1, 1]])

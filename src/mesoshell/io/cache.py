@@ -33,6 +33,17 @@ def cache_folder(room: str) -> Path:
     return (Path(given) if os.path.isabs(given) else Path.home() / ".cache") / "mesoshell" / room
 
 
+def has_space(room: str, size: int) -> bool:
+    """Whether the disk of a room has three times `size` bytes left."""
+    near = cache_folder(room)
+    while not near.exists() and near != near.parent:
+        near = near.parent
+    try:
+        return shutil.disk_usage(near).free > 3 * size
+    except OSError:
+        return False
+
+
 def held(path: Path) -> int:
     """Bytes of a file, or of a folder's files; 0 if there is none."""
     if path.is_file():

@@ -26,7 +26,7 @@ from mesoshell.errors import InputError
 from mesoshell.io.archive import MANIFEST
 from mesoshell.io.atomic import new_array, new_folder
 from mesoshell.io.bundle import Bundle, checked_manifest, read_bundle
-from mesoshell.io.cache import cache_folder, forget
+from mesoshell.io.cache import cache_folder, forget, has_space
 from mesoshell.io.level_arrays import split
 
 MIN_BYTES, MAX_BYTES = 32 << 20, 4 << 30
@@ -54,7 +54,7 @@ def kept(key: str, size: int, make: Make) -> Bundle:
     texture = _read(folder)
     if texture is not None:
         return texture
-    if size < MIN_BYTES or size > MAX_BYTES // 2 or not _room(size):
+    if size < MIN_BYTES or size > MAX_BYTES // 2 or not has_space(ROOM, size):
         return make(None)
     try:
         with new_folder(folder) as new:
@@ -106,14 +106,3 @@ def _read(folder: Path) -> Bundle | None:
     with contextlib.suppress(OSError):  # of a cache that is read only
         os.utime(folder)
     return texture
-
-
-def _room(size: int) -> bool:
-    """Whether the disk has three times as much left."""
-    near = cache_folder(ROOM)
-    while not near.exists() and near != near.parent:
-        near = near.parent
-    try:
-        return shutil.disk_usage(near).free > 3 * size
-    except OSError:
-        return False

@@ -22,12 +22,12 @@ from jaxtyping import Float
 from mesoshell import __version__
 from mesoshell.errors import InputError
 from mesoshell.io.bundle import Bundle, read_bundle
-from mesoshell.io.cache import cache_folder, forget, remove
+from mesoshell.io.cache import cache_folder, forget, has_space, remove
 from mesoshell.io.corner_tiles import seed_origin
 from mesoshell.io.image import write_exr
 from mesoshell.io.kept_textures import MAX_BYTES
 from mesoshell.io.material import digest
-from mesoshell.shell.geometry.chart import fits, span, texture_origin
+from mesoshell.shell.geometry.chart import fits, span, texture_bytes, texture_origin
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,8 @@ def with_texture(
     if not fits(patches, wanted.texels, bundle.channels):
         raise InputError(path, f"the mesh would carry {patches[1]} × {patches[0]} patches: give a larger scale")
     images = _images(wanted, origin, patches)
-    made, key = _made(path, patches, replace(wanted, seed=wanted.seed or 0, values=shape), images)
+    size = texture_bytes(patches, wanted.texels, bundle.channels)
+    made, key = _made(path, patches, replace(wanted, seed=wanted.seed or 0, values=shape), images, size)
     return made, origin, (key, origin)
 
 
@@ -79,9 +80,9 @@ def _images(
 
 
 def _made(
-    path: Path, patches: tuple[int, int], wanted: TextureKey, images: dict[str, np.ndarray]
+    path: Path, patches: tuple[int, int], wanted: TextureKey, images: dict[str, np.ndarray], size: int
 ) -> tuple[Bundle, str]:
-    """The texture, from the cache or made now, and its key."""
+    """The texture, from the cache or made now, and its key. size: bytes, about."""
     options = ["--extent", str(patches[1]), str(patches[0]), "--seed", str(wanted.seed), "--texels", str(wanted.texels)]
     options += [x for k, v in sorted(wanted.values.items()) for x in ("--param", f"{k}={v!r}")]
     of = (digest(path), __version__, options, *((name, image.tobytes()) for name, image in images.items()))
@@ -96,7 +97,7 @@ def _made(
     remove(file)
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
-    where = file.parent if os.access(file.parent, os.W_OK) else None
+    where = file.parent if os.access(file.parent, os.W_OK) and has_space("textures", size) else None
     with tempfile.TemporaryDirectory(prefix=".", dir=where) as folder:
         for number, (name, image) in enumerate(images.items()):
             write_exr(f"{folder}/{number}.exr", np.repeat(image[..., None], 3, axis=-1), half=False)

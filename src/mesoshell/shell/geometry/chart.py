@@ -15,9 +15,14 @@ ROUNDING = 1e-3
 MAX_BYTES = 6 * 2**30
 
 
+def texture_bytes(patches: tuple[int, ...], texels: int, channels: int) -> int:
+    """Of a texture of so many patches (V, U) with its mips, in half precision."""
+    return patches[0] * patches[1] * texels**2 * channels * 2 * 4 // 3
+
+
 def fits(patches: tuple[int, ...], texels: int, channels: int) -> bool:
-    """Whether a texture of so many patches (V, U) fits in memory, in half precision."""
-    return patches[0] * patches[1] * texels**2 * channels * 2 * 4 / 3 <= MAX_BYTES
+    """Whether a texture of so many patches (V, U) fits in memory."""
+    return texture_bytes(patches, texels, channels) <= MAX_BYTES
 
 
 def span(uv: Float[np.ndarray, "P 3 2"]) -> tuple[tuple[int, int], tuple[int, int]]:

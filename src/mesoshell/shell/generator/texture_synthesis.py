@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -21,7 +22,7 @@ from mesoshell.io.material import parameter_vector
 from mesoshell.shell.generator.bake import Share, bake
 from mesoshell.shell.generator.model import generator_model, grown
 from mesoshell.shell.generator.nodes import count_nodes
-from mesoshell.shell.geometry.chart import fits, patches_of, span
+from mesoshell.shell.geometry.chart import fits, patches_of, span, texture_bytes
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,10 @@ def grow(
         wanted.latent,
         bundle.generator,
         bundle.parameters,
+        jax.default_backend(),  # which rounds in its own way
     )
     key = key_of(bundle, beta, size, needed.tobytes(), wanted.seed, *settings)
-    return kept(key, 8 * bundle.channels * size[0] * size[1] // 3 >> 2 * wanted.coarser, make), origin
+    return kept(key, texture_bytes(needed.shape, texels, bundle.channels) >> 2 * wanted.coarser, make), origin
 
 
 def bake_bundle(

@@ -25,7 +25,7 @@ def variant(preset: GanConfig) -> GanConfig:
             channel_max=preset.discriminator.channel_max // 2,
         ),
         # with a quarter of γ and twice the rate, heads ran away from a generator as slow as this; with four times pixel_gamma
-        # the residual discriminator hardly told pictures from renders within 2200 images, and held neither light nor detail
+        # the residual discriminator hardly told pictures from renders within 2200 images
         discriminator_rate=1e-3,
         gamma=16 * preset.gamma,
         trunk=(64, 64, 64),

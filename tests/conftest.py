@@ -47,7 +47,8 @@ if jax.__version_info__ < (
 
 @pytest.fixture(scope="session", autouse=True)
 def _compiled_once(tmp_path_factory):
-    """Programs that several tests compile are compiled once a run, whichever of its processes comes first."""
+    """Programs that several tests compile are compiled once a run, whichever of its processes comes first; small ones anew,
+    which takes no longer than to keep them."""
     base = tmp_path_factory.getbasetemp()
     shared = base.parent if base.name.startswith("popen-") else base
     jax.config.update("jax_compilation_cache_dir", str(shared / "xla"))

@@ -69,7 +69,13 @@ def train(
     config, data = method.adapt(config, dataset)
     transfer = transfer or _lent(folder)
     transfer_weights = transfer_from(config, data, transfer) if transfer and is_first() else None
-    with _recorded(config, dataset, folder, transfer):
+    with (
+        _recorded(config, dataset, folder, transfer),
+        noticing(),
+        Checkpoints(folder / "checkpoints") as checkpoints,
+        StopRequest(again) as stop,
+        _Book(folder, method, config, data, show) as book,
+    ):
         batch_of = method.feed(config, data, jax.process_index(), jax.process_count())
         spread = spread_step(
             lambda state, batch, across: method.step(config, state, batch, across),
@@ -78,41 +84,35 @@ def train(
             method.together(config),
         )
         steps = steps_of(config)
-        with (
-            noticing(),
-            Checkpoints(folder / "checkpoints") as checkpoints,
-            StopRequest(again) as stop,
-            _Book(folder, method, config, data, show) as book,
-        ):
-            done, begin = _begun(checkpoints, method.start(config, data, jax.random.key(config.seed)), transfer_weights)
-            book.begin(done)
-            names, state = leaf_names(method.parts(begin)), spread.place(begin)
-            saved = time.perf_counter()
-            batch = spread.share(batch_of(done)) if done < steps else None
-            for i in range(done, steps):
-                state, report, requests = spread.step(state, batch, (stop.requested, _due(saved)))
-                if i + 1 < steps:
-                    batch = spread.share(batch_of(i + 1))  # while the device is at work
-                book.hear(report)
-                if not book.finite:
-                    raise Diverged(_divergence(i, report, names, checkpoints))
-                stopping, due = _decided(requests, stop, saved)
-                last = i + 1 == steps or stopping
-                if (i + 1) % LOG_EVERY == 0 or last:
-                    book.row(i + 1)
-                if due or last:
-                    checkpoints.save(i + 1, _kept(spread, state))
-                    saved = time.perf_counter()
-                if last or (i + 1) % max(1, round(config.snapshot_kimg * 1000 / config.batch)) == 0:
-                    book.snapshot(_kept(spread, state))
-                if last:
-                    break
-            if done == steps:
-                book.complete(_kept(spread, state))
-            checkpoints.finish()
-            book.end()
-            wait_for_all()
-            return spread.whole(state)
+        done, begin = _begun(checkpoints, method.start(config, data, jax.random.key(config.seed)), transfer_weights)
+        book.begin(done)
+        names, state = leaf_names(method.parts(begin)), spread.place(begin)
+        saved = time.perf_counter()
+        batch = spread.share(batch_of(done)) if done < steps else None
+        for i in range(done, steps):
+            state, report, requests = spread.step(state, batch, (stop.requested, _due(saved)))
+            if i + 1 < steps:
+                batch = spread.share(batch_of(i + 1))  # while the device is at work
+            book.hear(report)
+            if not book.finite:
+                raise Diverged(_divergence(i, report, names, checkpoints))
+            stopping, due = _decided(requests, stop, saved)
+            last = i + 1 == steps or stopping
+            if (i + 1) % LOG_EVERY == 0 or last:
+                book.row(i + 1)
+            if due or last:
+                checkpoints.save(i + 1, _kept(spread, state))
+                saved = time.perf_counter()
+            if last or (i + 1) % max(1, round(config.snapshot_kimg * 1000 / config.batch)) == 0:
+                book.snapshot(_kept(spread, state))
+            if last:
+                break
+        if done == steps:
+            book.complete(_kept(spread, state))
+        checkpoints.finish()
+        book.end()
+        wait_for_all()
+        return spread.whole(state)
 
 
 @contextlib.contextmanager

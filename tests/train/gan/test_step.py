@@ -144,6 +144,20 @@ def test_a_decoder_begins_dark_and_learns_at_the_generators_pace() -> None:
     assert 0.1 < 40 * float(rho[0]) < 0.25  # the median of a render's covered pixels is 0.165
 
 
+def test_where_pictures_teach_the_plane_nothing_else_moves() -> None:
+    state = begun()
+    adam, _ = optimisers(replace(small_step.CONFIG, taught="plane"))
+    with jax.numpy_dtype_promotion("standard"):
+        ones = jax.tree.map(np.ones_like, state.learner)
+        updates, _ = jax.jit(adam.update)(ones, state.learner_adam, state.learner)
+    generator, decoder = cast(Learner, updates)
+    still = jax.tree.leaves((generator.mapping, generator.height, decoder))
+    moved = jax.tree.leaves((generator.mix, generator.strength, generator.layers))
+    assert still and not any(np.any(x) for x in still)
+    for x in moved:
+        np.testing.assert_allclose(x, -small_step.CONFIG.generator_rate, rtol=1e-5)
+
+
 def test_labels_say_where_the_camera_and_the_light_are() -> None:
     batch = small_step.batch()
     c = label(jax.tree.map(jnp.asarray, batch))

@@ -32,6 +32,7 @@ class GanConfig:
     """Everything that a run depends on beside the data.
 
     gamma: weight of R1, each r1_every steps; pixel_gamma: the residual discriminator's over it, where heads judge beside it;
+    taught: all that makes materials, or the plane's layers alone, while F(h), decoder and mapping stay as they began;
     kimg: length of the run; near_kimg: when the nearest cameras are reached, from the farthest at first; views: pictures of
     each texture; blur: deviation in pixels, at first, of the blur before the discriminator, 0 from blur_kimg on; density:
     weight of the density's roughness; mismatch: weight of renders with other renders' parameters, which the discriminator
@@ -52,6 +53,7 @@ class GanConfig:
     discriminator_rate: float = 2e-3
     gamma: float = 0.5
     pixel_gamma: float = 0.03
+    taught: Literal["all", "plane"] = "all"
     r1_every: int = 16
     views: int = 1
     blur: float = 0.0
@@ -107,6 +109,7 @@ def optimisers(config: GanConfig) -> tuple[optax.GradientTransformation, optax.G
         optax.chain(
             optax.scale_by_adam(0.0, 0.99, 1e-8),
             optax.stateless(_at_one_pace),
+            optax.stateless(_of_the_plane) if config.taught == "plane" else optax.identity(),
             optax.scale(-config.generator_rate),
         ),
         optax.adam(config.discriminator_rate * lazy, 0.0, 0.99**lazy, 1e-8),
@@ -118,6 +121,11 @@ def _at_one_pace(updates: Any, parameters: Any) -> Any:
         return Dense(x.kernel / x.kernel.shape[0] ** 0.5, x.bias) if isinstance(x, Dense) else jnp.zeros_like(x)
 
     return updates._replace(decoder=jax.tree.map(slowed, updates.decoder, is_leaf=lambda x: isinstance(x, Dense)))
+
+
+def _of_the_plane(updates: Any, parameters: Any) -> Any:
+    still, made = jax.tree.map(jnp.zeros_like, updates), updates.generator
+    return still._replace(generator=still.generator._replace(mix=made.mix, strength=made.strength, layers=made.layers))
 
 
 def start(config: GanConfig, key: Key[Array, ""]) -> TrainState:

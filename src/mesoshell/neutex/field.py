@@ -15,6 +15,7 @@ no initial maps, and training from these has no folds to undo. Colours are linea
 """
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Literal, NamedTuple
 
 import jax
@@ -67,6 +68,7 @@ class Field(NamedTuple):
     inverse: Net
 
 
+@partial(jax.jit, static_argnums=0)
 def init_field(config: FieldConfig, key: Key[Array, ""]) -> Field:
     """Networks with random weights, all that the configuration calls for."""
     k = jax.random.split(key, 5)

@@ -15,6 +15,7 @@ Opacity and offset do not depend on the light: `eval_opacity` is evaluated once 
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, NamedTuple
 
 import jax
@@ -93,6 +94,7 @@ class OpacityEval(NamedTuple):
     features: Float[Array, "C"]
 
 
+@partial(jax.jit, static_argnums=0)
 def init_surface(config: SurfaceConfig, key: Key[Array, ""]) -> Surface:
     """Textures of small random numbers; initially an opaque surface."""
 
@@ -111,6 +113,7 @@ def init_surface(config: SurfaceConfig, key: Key[Array, ""]) -> Surface:
     return Surface(module(a, 4, 1, 2.0), module(b, 4, 1), module(c, 7, 3))
 
 
+@jax.jit
 def blur_textures(surface: Surface, blur: Scalar) -> BlurredSurface:
     """Pyramids, each level blurred by `blur` texels (a standard deviation)."""
     return BlurredSurface(

@@ -25,7 +25,7 @@ from mesoshell.neutex import mesh
 from mesoshell.neutex import render as atlas_render
 from mesoshell.neutex.field import FieldConfig, init_field
 from mesoshell.shell.generator import bake, model
-from mesoshell.shell.generator.discriminator import DiscriminatorConfig
+from mesoshell.shell.generator.discriminator import DiscriminatorConfig, init_discriminator
 from mesoshell.shell.generator.generator import (
     draw_phases,
     init_averages,
@@ -114,7 +114,7 @@ def _compiling(node: ast.AST, inside: str) -> Iterator[str]:
 def traced(bundle: Bundle) -> dict[str, list[Any]]:
     """Their jaxprs, in all the ways that matter, and those of functions that run as they are. bundle: a shell's."""
     makers = _of_shells(bundle) | _of_generators() | _of_surfaces() | _of_objects() | _of_training()
-    makers |= _of_judges(bundle) | _of_corrections(bundle)
+    makers |= _of_judges(bundle) | _of_corrections(bundle) | _of_beginnings()
     return {name: [x() for x in programs] for name, programs in makers.items()}
 
 
@@ -275,6 +275,18 @@ def _of_generators() -> Programs:
     }
 
 
+def _of_beginnings() -> Programs:
+    """Random weights."""
+    surface_config = surface_material.SurfaceConfig(8, 3, (8,))
+    return {
+        "shell.material.decoder.init_decoder": [_jitted(init_decoder, KEY, 4, (4,), (4,))],
+        "shell.generator.generator.init_generator": [_jitted(init_generator, GAN.generator, KEY)],
+        "shell.generator.discriminator.init_discriminator": [_jitted(init_discriminator, GAN.discriminator, KEY)],
+        "surface_material.network.init_surface": [_jitted(surface_material.init_surface, surface_config, KEY)],
+        "neutex.field.init_field": [_jitted(init_field, FieldConfig((8,), (8,), (8,), (8,), 8, "hash"), KEY)],
+    }
+
+
 def _of_surfaces() -> Programs:
     found: Programs = {}
     for config in (surface_material.SurfaceConfig(8, 3, (8,), opacity=o) for o in ("direct", "cosine")):
@@ -289,7 +301,7 @@ def _of_surfaces() -> Programs:
             "surface_material.renderer._ask": _jitted(
                 surface_renderer._ask, config, table, (*rows, f(ROWS, 2, 3)), i()
             ),
-            "surface_material.network.blur_textures": _plain(surface_material.blur_textures, made, f()),
+            "surface_material.network.blur_textures": _jitted(surface_material.blur_textures, made, f()),
             "stability.surface_material._answers": _jitted(
                 surface_material_checks._answers, config, table, (*rows, f(ROWS, 3))
             ),

@@ -16,6 +16,7 @@ which show what is below where a material lies on a mesh. With `opacity` it is n
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, NamedTuple
 
 import jax
@@ -76,6 +77,7 @@ class Discriminator(NamedTuple):
     embed: list[Dense]
 
 
+@partial(jax.jit, static_argnums=0)
 def init_discriminator(config: DiscriminatorConfig, key: Key[Array, ""]) -> Discriminator:
     """Unit normal weights, zero biases. Raises ValueError if the size is no power of two ≥ 8."""
     check_size(config)

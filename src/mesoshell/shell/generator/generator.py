@@ -20,6 +20,7 @@ Magnitudes (running mean squares of the layers' inputs, Alias-Free GAN's equatio
 and the observed values are returned.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -74,6 +75,7 @@ class Phases(NamedTuple):
     layers: list[Float[Array, "B J _c"]]
 
 
+@partial(jax.jit, static_argnums=0)
 def init_generator(config: GeneratorConfig, key: Key[Array, ""]) -> Generator:
     """Unit normal weights throughout, scaled when used, so that all learn at one rate."""
     keys = iter(jax.random.split(key, 64))

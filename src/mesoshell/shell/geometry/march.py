@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from mesoshell.geometry.patch import Crossing, leave_cap, leave_side, post_function
 from mesoshell.typing import Array, Flag, Float, Index, Int, Scalar, Vec2, Vec3
@@ -33,6 +34,8 @@ WIDEST = 1e-3
 #: A ray that misses every face by more than this is not in the prism: its walk ends there. (In a scene 1e5 away from the
 #: origin, a ray's point is exact to 1e-11 in float64.)
 FAR_OFF = 1e-6
+#: Rows of the smallest table; each next one has twice as many.
+LEAST = 1024
 
 
 class Prisms(NamedTuple):
@@ -217,6 +220,14 @@ def walk(prisms: Prisms, rays: Ray, start: WalkState, steps: int) -> tuple[WalkS
 
 def as_tables(shell_base, shell_offset, faces, neighbour, neighbour_edge) -> Prisms:
     """Lookup tables of an extruded shell (arrays as in `shell/geometry/extrude.py`)."""
-    corners = jnp.concatenate([shell_base[faces].reshape(-1, 9), shell_offset[faces].reshape(-1, 9)], axis=1)
-    across = jnp.concatenate([neighbour, jnp.maximum(neighbour_edge, 0)], axis=1)
-    return Prisms(jnp.asarray(corners, jnp.float32), jnp.asarray(across, jnp.int32))
+    corners = np.concatenate([shell_base[faces].reshape(-1, 9), shell_offset[faces].reshape(-1, 9)], axis=1)
+    across = np.concatenate([neighbour, np.maximum(neighbour_edge, 0)], axis=1)
+    return Prisms(jnp.asarray(table(corners, np.float32)), jnp.asarray(table(across, np.int32)))
+
+
+def table(x: np.ndarray, dtype: type) -> np.ndarray:
+    """Rows of prisms, followed by zeros: what is compiled for one number of rows serves all meshes that have it."""
+    rows = max(LEAST, 1 << (len(x) - 1).bit_length())
+    padded = np.zeros((rows, x.shape[1]), dtype)
+    padded[: len(x)] = x
+    return padded

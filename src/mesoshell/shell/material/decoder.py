@@ -13,6 +13,7 @@ and α only and gives σ; a head that also takes ω and ω′ gives ρ, and seve
 Training sees the upper hemisphere: ω is clamped to the horizon, and ρ fades to 0 as ω′ sinks 0.1 below it.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -34,6 +35,7 @@ class Decoder(NamedTuple):
     scale: Float[Array, ""]
 
 
+@partial(jax.jit, static_argnums=(1, 2, 3))
 def init_decoder(key: Key[Array, ""], inputs: int, trunk: tuple[int, ...], head: tuple[int, ...]) -> Decoder:
     """inputs = C + 1 + 2·octaves + A. trunk and head: widths of the hidden layers."""
     k = jax.random.split(key, 4)

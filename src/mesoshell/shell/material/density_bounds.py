@@ -27,6 +27,8 @@ from mesoshell.typing import Array, Float, Key
 MARGIN = 1.5
 #: The largest deviation along the height that is probed: what each of 16 samples through a layer stands for, at a slant.
 MAX_DEVIATION = 0.05
+#: Cells along an axis that are probed at least.
+FEWEST = 4
 #: Cells that are decoded together, about.
 _TOGETHER = 2**14
 
@@ -40,9 +42,11 @@ def bounds(
     probes: int,
 ) -> Float[np.ndarray, "h v u"]:
     """Bounds, in half precision, of the cells of a rectangle of the texture. corner: its least and greatest (u, v)."""
-    place = jnp.asarray(corner[0], jnp.float32), jnp.asarray(corner[1] - corner[0], jnp.float32)
-    largest = _largest(layout, material, np.float32(level), shape, probes, place, jax.random.key(level))
-    return rounded_up(np.asarray(largest) * MARGIN)
+    layers, lines, columns = shape
+    wide = layers, max(lines, FEWEST), max(columns, FEWEST)  # one program for all small levels
+    place = np.float32(corner[0]), np.float32((corner[1] - corner[0]) / (columns, lines))
+    largest = _largest(layout, material, np.float32(level), wide, probes, place, jax.random.key(level))
+    return rounded_up(np.asarray(largest)[:, :lines, :columns] * MARGIN)
 
 
 def rounded_up(sigma: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
@@ -61,15 +65,14 @@ def _largest(
     place: tuple[Array, Array],
     key: Key[Array, ""],
 ) -> Float[Array, "h v u"]:
-    """The largest σ of each cell's probes."""
-    (low, size), (layers, lines, columns) = place, shape
+    """The largest σ of each cell's probes. place: least (u, v), and the size of a cell."""
+    (low, cell), (layers, lines, columns) = place, shape
 
     def layer(at: tuple[Array, Array]) -> Float[Array, "v u"]:
         k = jax.random.split(at[1])
         inside = jax.random.uniform(k[0], (3,), minval=-0.1, maxval=1.1)
         u, v = (
-            low[i] + (jnp.arange(n, dtype=jnp.float32) + inside[i]) / n * size[i]
-            for i, n in enumerate((columns, lines))
+            low[i] + (jnp.arange(n, dtype=jnp.float32) + inside[i]) * cell[i] for i, n in enumerate((columns, lines))
         )
         h = jnp.clip((at[0] + inside[2]) / layers, 0, 1)
         point = Point(jnp.stack([low[0], low[1], h]), *_drawn(layout, material, level, k[1], ()))

@@ -30,6 +30,7 @@ from mesoshell.render.sequence import Draws, draws_at
 from mesoshell.render.tiles import RenderReport, TileRenderer, render_tiles
 from mesoshell.shell.geometry.batched_walk import Intervals
 from mesoshell.shell.geometry.extrude import Shell
+from mesoshell.shell.geometry.march import table
 from mesoshell.shell.geometry.sampling import Chart, Frame, Piece, spread
 from mesoshell.shell.geometry.tracer import Boundary
 from mesoshell.shell.render import kernels
@@ -82,7 +83,7 @@ def _tables(shell: Shell, mesh: Mesh, objects: tuple[Mesh, ...]) -> tuple[Bounda
     """What rays are traced through, and its chart."""
     boundary = Boundary(shell, mesh.faces, others=object_triangles(objects))
     corners = jnp.asarray(np.asarray(boundary.prisms.corners))
-    return boundary, Chart(corners, jnp.asarray(shell.uv.reshape(-1, 6)))
+    return boundary, Chart(corners, jnp.asarray(table(shell.uv.reshape(-1, 6), np.float32)))
 
 
 class _Renderer:

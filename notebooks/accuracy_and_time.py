@@ -13,10 +13,11 @@
 # # What accuracy costs in time, and what is hard about a scene
 #
 # A cow of grass is rendered up to a budget and to an error, its settings are measured against a reference, and its shell is
-# walked by rays that are hard. (A small picture and six seconds of measurements here; more in `docs/how_to/tradeoff.md`.)
+# walked by rays that are hard. (Small pictures and six seconds of measurements here; more in `docs/how_to/tradeoff.md`.)
 
 # %%
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -25,7 +26,7 @@ import mesoshell as ms
 
 folder = Path(tempfile.mkdtemp())
 view = (1.5, 0.9, -2.4, 0, 0.05, 0.15, 40)
-scene = ms.Scene("src/mesoshell/assets/spot.obj", ms.load_material("grass"), camera=view, size=(48, 48))
+scene = ms.Scene("src/mesoshell/assets/spot.obj", ms.load_material("grass"), camera=view, size=(40, 40))
 
 # %% [markdown]
 # ## Up to a budget, or an error
@@ -53,7 +54,7 @@ for axis, picture in zip(axes, pictures, strict=True):
 # later call goes on. `report.html` in the folder shows the pictures along the front, and what each setting buys.
 
 # %%
-measured = ms.tradeoff(scene, folder / "tradeoff", minutes=0.1)
+measured = ms.tradeoff(replace(scene, size=(16, 16)), folder / "tradeoff", minutes=0.1)
 seconds, errors = zip(*((entry.seconds, entry.flip) for entry in measured.front), strict=True)
 plt.loglog(seconds, errors, "o-")
 plt.xlabel("seconds")

@@ -23,6 +23,7 @@ def few(monkeypatch, tmp_path_factory) -> None:
         monkeypatch.setattr(prefilter, name, value)
 
 
+@pytest.mark.slow  # two corrections; each is tested by itself
 def test_a_material_is_corrected_by_the_command_and_in_python_alike(few, tiny_bundle, tmp_path, capsys) -> None:
     write_bundle(tmp_path / "tiny.npz", tiny_bundle)
     out = tmp_path / "new" / "made.npz"

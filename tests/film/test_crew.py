@@ -74,6 +74,7 @@ def test_processes_make_the_frames_that_this_one_makes(scene: ms.Scene, tmp_path
     assert again.frames[1].read_bytes() == here.frames[1].read_bytes() and again.seconds[0] == there.seconds[0]
 
 
+@pytest.mark.slow
 def test_a_cluster_makes_the_frames_that_this_process_makes(
     shot: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

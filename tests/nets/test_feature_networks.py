@@ -149,6 +149,7 @@ def fake_inception() -> dict[str, np.ndarray]:
     return made
 
 
+@pytest.mark.slow
 def test_inception_takes_every_weight_and_gives_2048_features(monkeypatch) -> None:
     """Of pictures that it sees smaller, where its last blocks have four places."""
     monkeypatch.setattr(inception, "SIDE", 107)

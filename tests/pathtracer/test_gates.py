@@ -23,13 +23,18 @@ SUN = {"type": "directional", "direction": [-0.3, 0.2, -1.0], "irradiance": 3.0}
 #: An effect, and what turns it on beside what it is in a plain scene of a depth: effects that it needs.
 GATES = [
     ("filtering", 2, ()),
-    ("anisotropic_filtering", 2, ("filtering",)),
-    ("object_shadow", 2, ()),
     ("bounces", 4, ("roulette",)),
-    ("roulette", 8, ("bounces",)),
-    ("environment", 2, ()),
-    ("area_light", 2, ()),
     ("direct_light", 2, ()),
+]
+GATES += [
+    pytest.param(*gate, marks=pytest.mark.slow)
+    for gate in (
+        ("anisotropic_filtering", 2, ("filtering",)),
+        ("object_shadow", 2, ()),
+        ("roulette", 8, ("bounces",)),
+        ("environment", 2, ()),
+        ("area_light", 2, ()),
+    )
 ]
 
 

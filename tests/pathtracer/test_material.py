@@ -107,7 +107,10 @@ def test_any_footprint_has_a_level(bundle, radius) -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 7])
-@pytest.mark.parametrize(("taps", "made_of"), [(1, None), (4, None), (4, corrected)])
+@pytest.mark.parametrize(
+    ("taps", "made_of"),
+    [pytest.param(1, None, marks=pytest.mark.slow), pytest.param(4, None, marks=pytest.mark.slow), (4, corrected)],
+)
 def test_tiles_far_out_and_of_a_seed_are_those_of_the_other_engine(tiled_bundle, points, seed, taps, made_of) -> None:
     origin = seed_origin(seed)
     tiled = made_of(tiled_bundle) if made_of else tiled_bundle

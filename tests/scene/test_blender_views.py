@@ -23,9 +23,12 @@ from mesoshell.scene.unpack import read_scene_file
 from mesoshell.scene.worn import read_worn
 
 ROOT = Path(__file__).parents[2]
-pytestmark = pytest.mark.skipif(
-    not (ROOT / "data_gen/.venv/installed").exists(), reason="no Blender environment (Python 3.11): make blender"
-)
+pytestmark = [
+    pytest.mark.slow,  # Blender writes and draws a scene in eight formats first
+    pytest.mark.skipif(
+        not (ROOT / "data_gen/.venv/installed").exists(), reason="no Blender environment (Python 3.11): make blender"
+    ),
+]
 #: From Blender's frame, whose z is up, to that of glTF and OBJ files.
 Y_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 

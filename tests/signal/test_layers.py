@@ -77,7 +77,7 @@ def test_fast_and_plain_agree_in_value_and_gradient(config, index: int) -> None:
 
 
 @pytest.mark.parametrize(("config", "index"), [("T", 1), ("T", 5), ("R", 0), ("R", 5)])
-@pytest.mark.parametrize("shape", [(2, 34, 37, 5), (1, 29, 24, 13)])
+@pytest.mark.parametrize("shape", [(2, 34, 37, 5), pytest.param((1, 29, 24, 13), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("padding", [None, (0, 0, 0, 0), (3, 1, -5, 2)])
 def test_blocks_are_parts_of_the_whole(config, index: int, shape, padding, monkeypatch) -> None:
     """Several blocks of rows and of channels, the last of them cut short, at any padding."""

@@ -48,6 +48,7 @@ def check(seed: int) -> None:
         assert (walks.middles(shell, walked, thickness, rng).outside > walks.OUTSIDE).sum() <= RARE
 
 
+@pytest.mark.slow
 def test_a_hundred() -> None:
     check(0)
 

@@ -13,7 +13,7 @@ import pytest
 
 from benchmarks.products import products, unset
 from mesoshell.numerics import product
-from tests.helpers.stability.programs import ELSEWHERE, SOURCES, compiled, traced
+from tests.helpers.stability.programs import ELSEWHERE, SOURCES, Programs, compiled, programs
 
 #: One process traces what its tests share.
 pytestmark = pytest.mark.xdist_group("rounded_products")
@@ -36,28 +36,29 @@ SOLVERS = {"inv", "solve", "det", "pinv", "lstsq", "eigh", "svd", "qr", "cholesk
 
 
 @pytest.fixture(scope="module")
-def programs(tiny_bundle):
-    return traced(tiny_bundle)
+def every(tiny_bundle) -> Programs:
+    return programs(tiny_bundle)
 
 
-def test_every_compiled_function_is_among_the_programs(programs):
+def test_every_compiled_function_is_among_the_programs(every):
     """A new one is put into `programs.py`."""
-    assert compiled() - set(programs) == ELSEWHERE
+    assert compiled() - set(every) == ELSEWHERE
 
 
-def test_no_product_outside_of_networks_may_be_rounded(programs):
+@pytest.mark.slow  # it traces them all
+def test_no_product_outside_of_networks_may_be_rounded(every):
     found = {}
-    for name, jaxprs in programs.items():
-        equations = [e for jaxpr in jaxprs for e in unset(jaxpr.jaxpr)]
+    for name, makers in every.items():
+        equations = [e for trace in makers for e in unset(trace().jaxpr)]
         found[name] = [str(e) for e in equations if e.primitive.name not in SOLVED.get(name, ())]
     assert {name: equations for name, equations in found.items() if equations} == {}
 
 
-def test_a_network_s_products_are_seen(programs, tiny_bundle):
+def test_a_network_s_products_are_seen(every, tiny_bundle):
     """The test above does not hold because nothing is found."""
     layers = sum(name.startswith("decoder/trunk") and name.endswith("kernel") for name in tiny_bundle.arrays)
-    for jaxpr in programs["shell.render.kernels.density"]:
-        assert [network for _, network in products(jaxpr.jaxpr)] == [True] * (layers + 1)
+    for trace in every["shell.render.kernels.density"]:
+        assert [network for _, network in products(trace().jaxpr)] == [True] * (layers + 1)
 
 
 def _said(tree: ast.AST) -> Iterator[str]:

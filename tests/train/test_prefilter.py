@@ -120,6 +120,7 @@ def test_a_generator_is_corrected(few) -> None:
     assert not made.baked and made.arrays["correction"].shape[0] == 5
 
 
+@pytest.mark.slow
 def test_a_grown_texture_has_the_correction_of_its_levels(tmp_path) -> None:
     """Read back from a file and from a folder; with fewer levels its finest is corrected too, filtered or not."""
     numbered = np.arange(5, dtype=np.float16)[:, None, None] * np.ones((5, 3, 4), np.float16)

@@ -79,7 +79,7 @@ def test_a_denoised_sample_is_the_same_bytes_on_any_threads(tmp_path):
     assert images[0] == images[1]
 
 
-@pytest.mark.parametrize("name", ["grass", "fur", "carpet8"])
+@pytest.mark.parametrize("name", ["grass", pytest.param("fur", marks=pytest.mark.slow), "carpet8"])
 def test_appearance_keeps_the_outline_and_geometry_changes_it(name, tmp_path):
     parameters = RECIPES[name].parameters
     rest = {key: parameter.default for key, parameter in parameters.items()}

@@ -111,11 +111,11 @@ def _compiling(node: ast.AST, inside: str) -> Iterator[str]:
         yield from _compiling(child, name)
 
 
-def traced(bundle: Bundle) -> dict[str, list[Any]]:
-    """Their jaxprs, in all the ways that matter, and those of functions that run as they are. bundle: a shell's."""
+def programs(bundle: Bundle) -> "Programs":
+    """What traces them, in all the ways that matter, and functions that run as they are. bundle: a shell's."""
     makers = _of_shells(bundle) | _of_generators() | _of_surfaces() | _of_objects() | _of_training()
     makers |= _of_judges(bundle) | _of_corrections(bundle) | _of_beginnings()
-    return {name: [x() for x in programs] for name, programs in makers.items()}
+    return makers
 
 
 Programs = dict[str, list[Callable[[], Any]]]

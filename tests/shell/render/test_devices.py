@@ -8,6 +8,7 @@ from pathlib import Path
 from mesoshell.io.bundle import Bundle, write_bundle
 
 
+@pytest.mark.slow  # a process of its own, with a device more
 def test_an_accelerator_has_all_but_the_walk(tiny_bundle: Bundle, tmp_path: Path):
     write_bundle(tmp_path / "tiny.npz", tiny_bundle)
     command = [sys.executable, "-m", "tests.helpers.accelerator", str(tmp_path / "tiny.npz")]

@@ -114,7 +114,9 @@ def test_a_discriminator_that_sees_opacity_tells_a_gap_from_a_dark_blade() -> No
     assert jax.tree.map(jnp.shape, after) == jax.tree.map(jnp.shape, state)
 
 
-@pytest.mark.parametrize("kind", ["residual", pytest.param("projected", marks=pytest.mark.slow), "vision-aided"])
+@pytest.mark.parametrize(
+    "kind", ["residual", *(pytest.param(x, marks=pytest.mark.slow) for x in ("projected", "vision-aided"))]
+)
 def test_r1_is_float32_where_convolutions_are_not(kind: str) -> None:
     """In the traced step, the update that is there every 16th step has no half-precision value; the rest has."""
     config = replace(small_step.CONFIG, precision="bfloat16")

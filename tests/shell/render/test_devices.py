@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from mesoshell.io.bundle import Bundle, write_bundle
 
 
